@@ -1,4 +1,5 @@
-"""sepmc: Monte Carlo of multi-body stage separation by the constraint force equation method."""
+"""sepmc: Monte Carlo simulation of multi-body stage separation by the constraint force equation
+method."""
 
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version

@@ -1,4 +1,4 @@
-"""``python -m sepmc``."""
+"""Entry point of ``python -m sepmc``: runs the command line, as ``sepmc`` does."""
 
 from sepmc.cli.app import main
 

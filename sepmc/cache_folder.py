@@ -1,4 +1,5 @@
-"""Folder of compiled code, writable by its user only, since its files are executed."""
+"""Choice of the cache folder of compiled code. Since its files are executed, only the user may be
+able to write it."""
 
 import atexit
 import os
@@ -14,10 +15,11 @@ _WRITABLE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder(name: str) -> Path:
-    """Folder ``kernels/NAME`` in the user's cache, created if missing.
+    """Return the folder ``kernels/NAME`` in the user's cache, which is created if missing.
 
-    If it cannot be written, a folder of this name in a temporary folder replaces it, with links to
-    its files. A cache that other users can write is neither read nor written.
+    If that folder cannot be written, a folder of the same name in a private temporary folder is
+    returned instead, with symbolic links to the files of the first one. A cache that other users
+    can write is neither read nor written.
 
     Parameters
     ----------
@@ -32,7 +34,7 @@ def cache_folder(name: str) -> Path:
     Raises
     ------
     OSError
-        If neither folder can be written.
+        If neither folder can be written; it has the path of the user's cache.
     """
     base = Path(os.environ.get(SETTING) or user_cache_dir("sepmc"))
     folder = base / "kernels" / name
@@ -44,7 +46,7 @@ def cache_folder(name: str) -> Path:
     except OSError as error:
         reason = (
             f"cannot be written, nor can a temporary folder ({error.strerror}); compiled kernels "
-            f"need one of them, and {SETTING} moves the first"
+            f"need one of them. The environment variable {SETTING} moves the first"
         )
         raise OSError(error.errno, reason, str(base)) from None
     if _is_safe(folder):
@@ -56,8 +58,9 @@ def cache_folder(name: str) -> Path:
 
 
 def _create(folder: Path) -> bool:
-    """Create a folder and its parents if missing; take the right to write it and its parent from
-    other users. Returns True if it is writable, by its user only."""
+    """Create a folder and its parents if missing, and remove the permission of other users to write
+    the folder and its parent, where this user owns them. Returns True if this process can write the
+    folder and other users cannot."""
     try:
         folder.parent.parent.mkdir(parents=True, exist_ok=True)
         for part in (folder.parent, folder):
@@ -70,7 +73,8 @@ def _create(folder: Path) -> bool:
 
 
 def _is_safe(folder: Path) -> bool:
-    """Return True if a folder exists that only its owner can write, and nobody else can replace."""
+    """Return True if a folder exists and no user but the owner can write it or replace it, which
+    takes write permission on its parent. (On Windows only its existence is checked.)"""
     try:
         modes = [part.stat().st_mode for part in (folder, folder.parent)]
     except OSError:
@@ -79,8 +83,11 @@ def _is_safe(folder: Path) -> bool:
 
 
 def _temporary() -> Path:
-    """Private temporary folder of the user: one of a fixed name, which stays for later commands,
-    or, if another user owns or can open that, a new one that is deleted at exit."""
+    """Return a temporary folder that only this user can open.
+
+    It has a fixed name and stays for later commands. If another user owns or can open the folder of
+    that name, a new one is created, which is deleted at exit.
+    """
     folder = Path(tempfile.gettempdir()) / f"sepmc-kernels-{_user()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -95,5 +102,5 @@ def _temporary() -> Path:
 
 
 def _user() -> int:
-    """Number of the user (uid); 0 on systems without user numbers."""
+    """Return the user id of this process; 0 on systems without user ids."""
     return os.getuid() if hasattr(os, "getuid") else 0

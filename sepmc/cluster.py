@@ -1,5 +1,5 @@
-"""Dask executor: ranges of cases on worker processes of this machine or a cluster. The only user of
-Dask."""
+"""Dask executor: runs ranges of cases on worker processes of this machine or of a cluster. No other
+module imports Dask."""
 
 import os
 import time
@@ -28,23 +28,23 @@ _POLL_S = 10.0  # interval of checks for remaining workers
 
 
 class ClusterError(RuntimeError):
-    """Workers are unavailable or lost; the argument is the message to show."""
+    """Workers cannot be reached or were lost; the argument is the message to show."""
 
 
 @dataclass
 class DaskExecutor:
-    """Workers of a Dask scheduler.
+    """Executor that runs ranges of cases on the workers of a Dask scheduler.
 
     Attributes
     ----------
     client : distributed.Client
         Connection to the scheduler.
     address : str or None
-        Of the scheduler; None: workers of this machine.
+        Address of the scheduler; None if `dask_executor` started the workers on this machine.
     workers : int
         Number of worker processes.
     threads : int or None
-        Per worker; None: as it was started.
+        Threads that each worker uses; None: as many as the worker was started with.
     """
 
     client: Any
@@ -58,12 +58,14 @@ class DaskExecutor:
         function: Callable[[Any, int, int, int], Any],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[Any]:
-        """Call ``function(job, first, end, threads)`` in the workers for every range (first, end)
-        of case numbers; yield the results as they complete, in any order.
+        """Call ``function(job, first, end, threads)`` in the workers for every range of case
+        numbers, ``first`` to ``end - 1``; yield the results as they complete, in any order.
 
-        Dask resubmits the range of a lost worker (``distributed.scheduler.allowed-failures``). If
-        the scheduler was lost, all ranges that are not done are submitted again once it is back.
-        Raises ClusterError if the scheduler or all workers stay away, or a range ends every worker.
+        Dask runs the range of a lost worker on another one
+        (``distributed.scheduler.allowed-failures``). If the scheduler is lost, all ranges that are
+        not done are submitted again once it is back. Raises ClusterError if the scheduler or all
+        workers are gone for a minute, or if a range ends every worker that runs it; an error of
+        ``function`` is raised here, too.
         """
         source = iter(ranges)
         remaining: dict[int, tuple[int, int]] = {}
@@ -99,9 +101,9 @@ class DaskExecutor:
         return self.client.submit(_run, function, job, first, end, self.threads, pure=False)
 
     def _completed(self, futures: dict[Any, int]) -> list[Any]:
-        """Wait until at least one of the futures has completed; return those that have. Without
-        futures it returns an empty list at once. Raises ClusterError if there are no workers for a
-        minute."""
+        """Wait until at least one of the ``futures`` (each with its index of a range) has
+        completed; return the completed ones. Without futures it returns an empty list at once.
+        Raises ClusterError if there are no workers for a minute."""
         if not futures:
             return []
         last_seen = time.monotonic()  # time with workers
@@ -120,10 +122,11 @@ class DaskExecutor:
                 )
 
     def _result(self, future: Any, cases: tuple[int, int]) -> Any:
-        """Result of a completed future, whose range of case numbers is ``cases``.
+        """Return the result of a completed future, which ran the case numbers ``cases[0]`` to
+        ``cases[1] - 1``.
 
-        Raises the error of its function, ClusterError if its range ended every worker, or
-        _SchedulerLostError if the scheduler no longer has it.
+        Raises the error that its function raised, ClusterError if the range ended every worker, or
+        _SchedulerLostError if the scheduler no longer knows the future.
         """
         if future.status == "finished":
             return future.result()
@@ -138,12 +141,16 @@ class DaskExecutor:
         raise error
 
     def _reconnect(self, error: BaseException) -> None:
-        """Connect again to a scheduler at the same address, for at most a minute.
+        """Connect again to the scheduler at the same address, trying for at most a minute.
 
-        Raises ClusterError if none comes back, or if the workers were those of this machine.
+        ``error`` is what interrupted the run. Raises ClusterError if no scheduler with a worker
+        comes back, or if the workers were those of this machine.
         """
         if self.address is None:
-            raise ClusterError(f"the workers of this machine are gone: {error}") from error
+            raise ClusterError(
+                f"the workers of this machine are gone: {error}; finished cases are stored, and "
+                "the run can be resumed"
+            ) from error
         with suppress(Exception):
             self.client.close(timeout=1)
         deadline = time.monotonic() + _TIMEOUT_S
@@ -162,12 +169,12 @@ class DaskExecutor:
 
 
 class _SchedulerLostError(Exception):
-    """The scheduler was lost, with all submitted ranges."""
+    """The scheduler was lost, and with it all ranges that were submitted and not done."""
 
 
 def _run(function: Any, job: Any, first: int, end: int, threads: int | None) -> Any:
-    """Call ``function(job, first, end, threads)`` in a worker; by default with its own number of
-    threads."""
+    """Call ``function(job, first, end, threads)`` in a worker and return the result. If ``threads``
+    is None, the number of threads that the worker was started with is passed."""
     return function(job, first, end, threads or get_worker().state.nthreads)
 
 
@@ -175,17 +182,18 @@ def _run(function: Any, job: Any, first: int, end: int, threads: int | None) -> 
 def dask_executor(
     workers: int | None = None, address: str | None = None, threads: int | None = None
 ) -> Iterator[DaskExecutor]:
-    """Workers on this machine, or of the scheduler at an address.
+    """Context of a Dask executor, whose workers are started on this machine for the time of the
+    context, or belong to a scheduler that runs already.
 
     Parameters
     ----------
     workers : int, optional
         Number of processes on this machine; required without ``address``, else ignored.
     address : str, optional
-        Of a Dask scheduler that runs already, such as ``tcp://HOST:8786``.
+        Address of a Dask scheduler that runs already, such as ``tcp://HOST:8786``.
     threads : int, optional
-        Per worker; by default the cores of this machine divided by the workers, or as workers were
-        started.
+        Threads of each worker. By default, on this machine its cores divided by ``workers`` (at
+        least 1), else as many as each worker was started with.
 
     Yields
     ------

@@ -37,25 +37,27 @@ _SOURCES = (
 
 
 def processor() -> str:
-    """Name of the processor that code is compiled for, as in LLVM."""
+    """Return LLVM's name of the processor that code is compiled for: the environment variable
+    NUMBA_CPU_NAME, or else the processor of this machine."""
     return os.environ.get(_CPU_NAME) or str(binding.get_host_cpu_name())
 
 
 def features() -> str:
-    """Features of the processor that code is compiled for, as in LLVM."""
+    """Return the features of the processor that code is compiled for as LLVM lists them, such as
+    ``+avx2,-avx512f``: NUMBA_CPU_FEATURES, or else those of this machine."""
     return os.environ.get(_CPU_FEATURES) or str(binding.get_host_cpu_features().flatten())
 
 
 def vector_extension() -> str:
-    """Name of the widest vector instructions that code is compiled for, such as "AVX2"; "none
-    known" if it is none of the names in this module."""
+    """Return the name of the widest vector instructions that code is compiled for, such as "AVX2";
+    "none known" if the processor has none of those in `_VECTORS`."""
     flags = features().split(",")
     return next((name for flag, name in _VECTORS.items() if f"+{flag}" in flags), "none known")
 
 
 def sources_digest() -> str:
-    """Digest (16 hex digits) of all compiled sources, of the versions of the compilers and of the
-    processor: the name of the cache folder."""
+    """Return 16 hex digits that change with any source that is compiled, the versions of the
+    compilers and of Python, and the processor: the name of the cache folder."""
     versions = (
         importlib.metadata.version("numba"),
         llvmlite.__version__,
@@ -68,8 +70,8 @@ def sources_digest() -> str:
 
 
 def digest_of(patterns: Sequence[str]) -> bytes:
-    """SHA-256 digest of the paths and contents of files of this package, given by patterns with
-    wildcards relative to its folder."""
+    """Return the SHA-256 digest of the paths and contents of all files of this package that match
+    one of some patterns with wildcards, such as ``physics/*.py``, relative to its folder."""
     digest = hashlib.sha256()
     for path in sorted(path for pattern in patterns for path in _HERE.glob(pattern)):
         digest.update(path.relative_to(_HERE).as_posix().encode())
@@ -82,16 +84,18 @@ CACHE_FOLDER = cache_folder(sources_digest())
 
 @contextlib.contextmanager
 def cache_lock(name):
-    """Context in which no other process has the lock ``name`` of the cache: several processes that
-    compile the same code at once can damage it (numba #4807), and would each take as long."""
+    """Context that takes the lock ``name`` of the cache, after waiting until no other process has
+    it. Processes that compile the same code at once can damage it (numba #4807), and would all do
+    the same work."""
     path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{name}.lock"
     with locked(path, os.O_WRONLY | os.O_CREAT):
         yield
 
 
 def compile_command(program: str) -> dict[str, Any]:
-    """Arguments of `subprocess.Popen` (by keyword) for a Python program, given as source text, that
-    only fills the cache. It imports nothing from the working folder."""
+    """Return the keyword arguments of `subprocess.Popen` that start a Python program, given as
+    source text, which fills the cache of this process. The program imports nothing from the working
+    folder."""
     path = os.pathsep.join(folder for folder in sys.path if folder)
     return {
         "args": [sys.executable, "-P", "-c", program],

@@ -1,4 +1,9 @@
-"""Marks of the functions that `sepmc.translator` compiles for kernels; they stay plain Python."""
+"""Marks of the functions that `sepmc.translator` compiles for kernels.
+
+The marks are decorators that return the function unchanged, so in Python it stays callable; the
+translator reads them from the source. A workspace is the buffer of floats in which a kernel keeps
+all numbers of the cases that it integrates side by side.
+"""
 
 import os
 from collections.abc import Callable
@@ -12,27 +17,32 @@ config = SimpleNamespace(plain=os.environ.get(PLAIN, "0") != "0")
 
 
 def formula(function: _F) -> _F:
-    """Mark a formula on scalars and tuples. Compiled code always inlines it: a loop over cases with
-    a call in it is not vectorised."""
+    """Mark a formula: a function of numbers and tuples. Compiled code inlines every call of it,
+    since a loop over cases with a call in it is not vectorised."""
     return function
 
 
 def long_formula(function: _F) -> _F:
-    """Mark a formula too large to be inlined everywhere."""
+    """Mark a formula that is too large to be inlined in every call; the compiler decides."""
     return function
 
 
 def routine(function: _F) -> _F:
-    """Mark a function of a workspace."""
+    """Mark a routine: a function with loops or searches, most of them on a workspace. The compiler
+    decides where it is inlined."""
     return function
 
 
 def for_any_numbers(function: _F) -> _F:
-    """Mark a function that is compiled once, not anew for each whole number in its calls. (Where
-    these are loop counts, specialised code is faster.)"""
+    """Mark a function that is compiled once for all values of its integer arguments.
+
+    Other routines are compiled anew for each set of integers that are known in a call, which makes
+    them faster where these are loop counts.
+    """
     return function
 
 
 def noinline() -> None:
-    """Keep a routine from being inlined. As the first line of a large routine it saves most of the
-    compile time of its callers."""
+    """Keep the routine that calls this function from being inlined; in Python it does nothing.
+    Called in the first line of a large routine, it saves most of the compile time of the
+    callers."""

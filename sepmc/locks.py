@@ -1,4 +1,4 @@
-"""File locks between processes, not inherited by forked processes."""
+"""File locks between processes. A forked process does not inherit the locks of its parent."""
 
 import contextlib
 import os
@@ -9,8 +9,8 @@ _open: set[int] = set()  # descriptors of files that this process has locked
 
 
 def _close_inherited() -> None:
-    """Close inherited descriptors in a forked process: a shared lock would last until both
-    processes end, and the child would wait for itself."""
+    """Close, in a process that was just forked, the locked files of its parent. Otherwise a lock
+    would last until both processes end, and the child would wait for itself."""
     for descriptor in _open:
         os.close(descriptor)
     _open.clear()
@@ -22,17 +22,18 @@ if hasattr(os, "register_at_fork"):
 
 @contextlib.contextmanager
 def locked(path: Path, flags: int, wait: bool = True) -> Iterator[None]:
-    """Context in which no other process has the lock of a file or folder.
+    """Context that takes the exclusive lock of a file or folder and releases it at its end.
 
-    Without effect on systems and network folders that cannot lock.
+    It takes no lock, and does not fail, on systems and network folders without locks.
 
     Parameters
     ----------
     path : Path
+        The file or folder to lock.
     flags : int
-        Flags of `os.open`, such as ``os.O_WRONLY | os.O_CREAT``.
+        Flags of `os.open` for it, such as ``os.O_WRONLY | os.O_CREAT``.
     wait : bool
-        Wait until another process releases the lock.
+        True: wait while another process has the lock. False: raise BlockingIOError then.
 
     Raises
     ------

@@ -1,5 +1,5 @@
-"""Paths of local files and of object storage (``s3://bucket/run``, by fsspec), all with the methods
-of `pathlib.Path`."""
+"""Paths of local files and of object storage (``s3://bucket/run``, by fsspec). All of them have the
+methods of `pathlib.Path`."""
 
 import os
 from io import BytesIO
@@ -14,11 +14,11 @@ _CLIENTS = ("botocore", "aiobotocore", "aiohttp", "gcsfs", "google", "adlfs", "a
 
 
 class PathError(ValueError):
-    """A path that this installation cannot reach; its argument is the message."""
+    """A value is no path, or its storage cannot be reached; the argument is the message to show."""
 
 
 def as_path(name: str | Path) -> Path:
-    """Path of a name.
+    """Convert a local path or an address in object storage to a path object.
 
     Parameters
     ----------
@@ -51,8 +51,9 @@ def as_path(name: str | Path) -> Path:
         system = path.fs
     except (ImportError, ValueError) as error:
         raise PathError(
-            f"{name}: cannot be reached: {error}; object storage comes with the extra cluster "
-            f"({EXTRA.format('cluster')}), s3:// by itself, others with their clients"
+            f"{name}: cannot be reached: {error}; object storage needs the extra cluster "
+            f"({EXTRA.format('cluster')}), and storage other than s3:// its own client package "
+            "besides"
         ) from None
     # `exists` would return False if the network is down
     try:
@@ -67,19 +68,20 @@ def as_path(name: str | Path) -> Path:
 
 
 def is_storage_error(error: Exception) -> bool:
-    """Return True for an error raised by a client library of object storage."""
+    """Return True if an error, or a base class of it, is defined by a client library of object
+    storage (`_CLIENTS`)."""
     modules = (base.__module__.partition(".")[0] for base in type(error).__mro__)
     return any(module in _CLIENTS for module in modules)
 
 
 def is_local(path: Path) -> bool:
-    """Return True for paths of this machine."""
+    """Return True for a path in the file system of this machine, False for object storage."""
     return isinstance(path, PurePath)
 
 
 def readable(path: Path) -> Any:
-    """What readers of files (pandas, pyarrow) take: a local path itself, or the content of an
-    object in object storage as a `BytesIO`."""
+    """Return a file as readers (pandas, pyarrow) accept it: a local path unchanged, or the content
+    of an object in object storage as a `BytesIO`."""
     if is_local(path):
         return path
     return BytesIO(path.read_bytes())

@@ -11,7 +11,8 @@ from sepmc import gc_tuning
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Block SIGINT in processes that start meanwhile; this process receives it afterwards."""
+    """Context that blocks SIGINT (Ctrl-C): processes started in it never get it, and this process
+    gets it at the end of the context."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -24,17 +25,18 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """Initialise a worker process: ignore SIGINT, defer garbage collection."""
+    """Initialise a worker process: ignore SIGINT (Ctrl-C), collect garbage rarely."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc_tuning.reduce_collections()
 
 
 @contextmanager
 def processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Context of a pool of ``count`` worker processes; with 0, of one that starts on demand.
+    """Context of a pool of ``count`` worker processes, all started at once; if ``count`` is 0, of
+    one process, started at its first task.
 
-    The workers are killed if an exception, Ctrl-C included, leaves the context. They ignore Ctrl-C
-    themselves.
+    The workers ignore Ctrl-C. They are killed if an exception, also that of Ctrl-C in this process,
+    leaves the context.
     """
     others = set(active_children())
     with ProcessPoolExecutor(

@@ -1,4 +1,4 @@
-"""Store of a bounded number of items in memory."""
+"""Cache in memory of a limited number of items."""
 
 from collections import OrderedDict
 from typing import Generic, TypeVar
@@ -13,7 +13,7 @@ class RecentItems(Generic[K, V]):
     Parameters
     ----------
     max_items : int
-        Number of items that stay.
+        Largest number of items that are kept.
     """
 
     def __init__(self, max_items: int):

@@ -1,4 +1,5 @@
-"""Columns of results (name, unit, meaning), and the status of a case with its explanation."""
+"""Columns of results (name, unit, meaning, factor from SI), and the statuses of a case with their
+explanations."""
 
 import math
 from collections.abc import Iterator
@@ -7,7 +8,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 DEG = 180.0 / math.pi
-# units of outcomes by formulas, as their columns end: text and factor from SI
+# Units of outcomes by formulas, by the end of the column's name: text, and factor from SI.
 FORMULA_UNITS = {
     "1": ("1", 1.0),
     "s": ("s", 1.0),
@@ -24,7 +25,7 @@ FORMULA_UNITS = {
 
 
 class Status(IntEnum):
-    """Final status of a case."""
+    """Final status of a case: how its simulation ended."""
 
     OK = 0
     NEVER_RELEASED = 1
@@ -75,7 +76,7 @@ _MEANINGS = {
         "a phase had not ended, or a joint had not been released, at the end time",
         "check the condition of each [[release]] (optional = true permits that it is not met), "
         "run.end_time_s and the separation forces; a release that was sampled to fail needs no "
-        "remedy. Such cases are not in the statistics",
+        "remedy. Cases with this status are not in the statistics",
     ),
     Status.INVALID_INPUT: (
         "an input is outside the range that its key allows, a mass is not positive, or an inertia "
@@ -134,16 +135,16 @@ _MEANINGS = {
 
 @dataclass(frozen=True)
 class Column:
-    """Column of the table of results.
+    """Column of a table of results or of a history.
 
     Attributes
     ----------
     name : str
-        Ends in the unit, as ``pitch_deg``.
+        Name, which ends in the unit, as ``pitch_deg``.
     unit, meaning : str
         Unit and explanation, as text for users.
     scale : float
-        Factor from SI to the unit.
+        Factor from SI to the unit: value in ``unit`` = ``scale`` times value in SI.
     """
 
     name: str
@@ -253,7 +254,8 @@ _AUDIT = (
     (
         "energy_residual",
         "1",
-        "largest difference between kinetic energy gained and work of all loads, over their size",
+        "largest difference between kinetic energy gained and work of all loads, relative to the "
+        "larger of both",
         1e-6,
     ),
     (
@@ -282,8 +284,8 @@ _AUDIT = (
     (
         "error",
         "1",
-        "estimate of the numerical error: the largest of its outcomes, of their size or sigma; "
-        "without times and positions of extremes",
+        "estimate of the numerical error: the largest of the errors of its outcomes, relative to "
+        "their size or sigma; times and positions of extremes are left out",
         math.nan,
     ),
 )
@@ -328,8 +330,8 @@ def _columns(rows, prefix: str, name: str) -> list[Column]:
 
 
 class Formula(NamedTuple):
-    """Outcome of the file: its name, formula (``text``) of the outcomes before it, and unit, a key
-    of `FORMULA_UNITS`."""
+    """Outcome that a campaign file defines by a formula of other outcomes: its name, the formula
+    (``text``), which uses columns before it, and its unit, a key of `FORMULA_UNITS`."""
 
     name: str
     text: str
@@ -338,41 +340,47 @@ class Formula(NamedTuple):
 
 @dataclass(frozen=True)
 class Contents:
-    """Parts of a scene that have columns.
+    """Names of the bodies, joints and other items of a scene for which there are columns.
 
     Attributes
     ----------
     bodies : list of str
         Moving bodies.
     joints : dict of str to (str, str)
-        Bodies of each joint.
-    loads, clearances, tip_off, events, transverse : tuple of str
-        Joints with loads, clearances, joints with tip-off rates, events, bodies with transverse
-        rates: the names.
+        First and second body of each joint, by joint.
+    loads, tip_off, hinges : tuple of str
+        Joints with peaks and integrals of their loads; joints with the rates of their bodies at
+        release; joints with a hinge angle.
     guides, pins : dict of str to int
-        Number of pins by joint: ``guides`` has the guides with outputs, ``pins`` all guides.
-    ignitions, springs, signals, hinges : tuple of str
-        Motors with an ignition event, springs with a stroke, signals (in histories), joints with a
-        hinge angle: the names.
-    partial_releases, relative : tuple of (str, str)
-        Joint and kind of each ``[[release]]`` to another kind than free; pairs of bodies with their
-        relative attitude and distance.
+        Number of pins by joint: ``guides`` for the guides with outcomes, ``pins`` for all guides.
+    clearances, events, signals : tuple of str
+        All clearances, events and signals (signals have columns in histories only).
+    transverse : tuple of str
+        Bodies with transverse rates.
+    ignitions : tuple of str
+        Motors with an ignition event.
+    springs : tuple of str
+        Springs with a stroke.
+    partial_releases : tuple of (str, str)
+        Joint and kind of each ``[[release]]`` that leaves the joint with a kind other than free.
     formulas : tuple of Formula
         Outcomes by formulas.
+    relative : tuple of (str, str)
+        Pairs of bodies with their relative attitude and distance.
     """
 
     bodies: list[str]
     joints: dict[str, tuple[str, str]]
     loads: tuple[str, ...] = ()
-    guides: dict[str, int] = field(default_factory=dict)  # number of pins by joint
+    guides: dict[str, int] = field(default_factory=dict)
     clearances: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
-    pins: dict[str, int] = field(default_factory=dict)  # by joint, of all joints with a guide
+    pins: dict[str, int] = field(default_factory=dict)
     transverse: tuple[str, ...] = ()
-    ignitions: tuple[str, ...] = ()  # motors with an ignition event
-    springs: tuple[str, ...] = ()  # with a stroke
-    partial_releases: tuple[tuple[str, str], ...] = ()  # joint and kind
+    ignitions: tuple[str, ...] = ()
+    springs: tuple[str, ...] = ()
+    partial_releases: tuple[tuple[str, str], ...] = ()
     formulas: tuple[Formula, ...] = ()
     signals: tuple[str, ...] = ()
     hinges: tuple[str, ...] = ()
@@ -380,14 +388,18 @@ class Contents:
 
 
 def is_yes_or_no(outcome: str) -> bool:
-    """Return True if an outcome, given by its column, is 1 or 0 in every case: statistics then give
-    its fraction of ones, but no sigma or density."""
+    """Return True if an outcome, given by the name of its column, is 1 or 0 in every case.
+    Statistics then give its fraction of ones, but no sigma or density."""
     return outcome.endswith("_recontact")
 
 
 def outcome_columns(contents: Contents) -> list[Column]:
-    """Columns of the outcomes of a case, in the order in which kernels write them. The columns of a
-    joint begin with its name if there are several joints."""
+    """Return the columns of the outcomes of a case, in the order in which kernels write them; those
+    by formulas, which kernels do not write, come last.
+
+    Names of columns of separation and release begin with the name of their joint only if the scene
+    has several joints.
+    """
     columns = [column for body in contents.bodies for column in _columns(_BODY, f"{body}_", body)]
     for joint in contents.joints:
         columns += _columns(_JOINT, _joint_prefix(contents, joint), joint)
@@ -450,8 +462,8 @@ def outcome_columns(contents: Contents) -> list[Column]:
 
 
 def relative_columns(contents: Contents, event: str = "") -> list[Column]:
-    """Columns of angles of hinges, and of distances and relative attitudes of pairs of bodies, at
-    the end of a case or, with its name, at an ``event``."""
+    """Return the columns of hinge angles, and of distances and relative attitudes of pairs of
+    bodies, at the end of a case; if ``event`` is the name of an event, at that event."""
     start, when = (f"{event}_", f", at {event}") if event else ("", "")
     columns = [x for joint in contents.hinges for x in _columns(_HINGE, f"{joint}_", joint)]
     for first, body in contents.relative:
@@ -462,32 +474,36 @@ def relative_columns(contents: Contents, event: str = "") -> list[Column]:
 
 
 def _joint_prefix(contents: Contents, joint: str) -> str:
-    """Prefix of the columns of a joint: its name and an underscore; empty for a single joint."""
+    """Return the prefix of the columns of separation and release of a joint: its name and an
+    underscore, or nothing if the scene has a single joint."""
     return "" if len(contents.joints) == 1 else f"{joint}_"
 
 
 def release_columns(contents: Contents) -> dict[str, str]:
-    """Name of the column of the release time, by joint."""
+    """Return the name of the column of the release time of each joint, by joint."""
     return {joint: f"{_joint_prefix(contents, joint)}release_time_s" for joint in contents.joints}
 
 
 def event_columns(contents: Contents) -> dict[str, str]:
-    """Name of the column of the time of an event, by event."""
+    """Return the name of the column of the time of each event, by event."""
     return {event: f"{event}_time_s" for event in contents.events}
 
 
 def ignition_columns(contents: Contents) -> dict[str, str]:
-    """Name of the column of the ignition time, by motor with an ignition event."""
+    """Return the name of the column of the ignition time, by motor, for the motors with an ignition
+    event."""
     return {motor: f"{motor}_ignition_time_s" for motor in contents.ignitions}
 
 
 def stroke_columns(contents: Contents) -> dict[str, str]:
-    """Name of the column of the time at which the stroke of a spring ends, by spring."""
+    """Return the name of the column of the time at which the stroke of a spring ends, by spring,
+    for the springs with a stroke."""
     return {spring: f"{spring}_stroke_end_time_s" for spring in contents.springs}
 
 
 def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
-    """Name of the column of the time of a partial release, by joint and kind after it."""
+    """Return the name of the column of the time of a partial release, by (joint, kind of the joint
+    after it)."""
     return {
         (joint, kind): f"{_joint_prefix(contents, joint)}release_to_{kind.replace('-', '_')}_time_s"
         for joint, kind in contents.partial_releases
@@ -495,8 +511,9 @@ def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
 
 
 def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
-    """For each transverse rate (of yaw and pitch together): prefix of its column, prefix of the
-    columns of its components, body, and phrase for its time (empty: the end of the case)."""
+    """Yield, for each transverse rate (of yaw and pitch together), four texts: prefix of its
+    column, prefix of the columns of its components, body, and phrase for its time (empty: the end
+    of the case)."""
     for body in contents.transverse:
         yield f"{body}_", f"{body}_omega_", body, ""
         for joint in contents.tip_off:
@@ -509,8 +526,8 @@ def _transverse_rates(contents: Contents) -> Iterator[tuple[str, str, str, str]]
 
 
 def transverse_components(contents: Contents) -> list[tuple[int, int]]:
-    """Indices, in `outcome_columns`, of the yaw and the pitch rate of each transverse rate, in
-    their order there."""
+    """Return, for each transverse rate in the order of `outcome_columns`, the indices there of the
+    yaw rate and the pitch rate that it is computed from."""
     names = {column.name: k for k, column in enumerate(outcome_columns(contents))}
     return [
         (names[f"{start}y_deg_s"], names[f"{start}z_deg_s"])
@@ -519,7 +536,8 @@ def transverse_components(contents: Contents) -> list[tuple[int, int]]:
 
 
 def _event_columns(contents: Contents, event: str) -> list[Column]:
-    """Columns of the time of an event, and of rates, attitudes, separations, clearances then."""
+    """Return the columns of an event: its time, and the rates, attitudes, separations and
+    clearances at that time."""
     columns = [Column(f"{event}_time_s", "s", f"time of {event}")]
     for body in contents.bodies:
         for column in _columns(_BODY[3:], f"{event}_{body}_", body):
@@ -535,7 +553,7 @@ def _event_columns(contents: Contents, event: str) -> list[Column]:
 
 
 def _distance_columns(contents: Contents) -> list[Column]:
-    """Column of the distance of the bodies of each clearance at one instant."""
+    """Return a column for each clearance: the distance of its outlines at one instant."""
     meaning = "distance of {0}; NaN before it counts, or while no rim is within a shell"
     return [
         Column(f"{name}_clearance_mm", "mm", meaning.format(name), 1000.0)
@@ -544,18 +562,20 @@ def _distance_columns(contents: Contents) -> list[Column]:
 
 
 def audit_columns() -> list[Column]:
-    """Audit columns of a case, after its outcomes; kernels write all but the last, ``error``."""
+    """Return the audit columns of a case, which follow its outcomes and say how well it was
+    integrated; kernels write all but the last, ``error``."""
     return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 
 def result_columns(contents: Contents) -> list[Column]:
-    """Outcomes, then audit columns. The kernel writes all but the last, ``error``."""
+    """Return the columns of a case: its outcomes, then the audit columns. Kernels write all but the
+    outcomes by formulas and the last, ``error``."""
     return [*outcome_columns(contents), *audit_columns()]
 
 
 def separation_columns(joints: list[str]) -> list[Column]:
-    """Columns of stored histories after ``case`` and ``time_s``: separation speed and distance of
-    each of the ``joints``, given by name."""
+    """Return the columns that follow ``case`` and ``time_s`` in stored histories: separation speed
+    and distance of each of the ``joints``, given by name."""
     columns = []
     for joint in joints:
         columns += _columns(_JOINT[:2], "" if len(joints) == 1 else f"{joint}_", joint)
@@ -563,7 +583,8 @@ def separation_columns(joints: list[str]) -> list[Column]:
 
 
 def history_columns(contents: Contents) -> list[Column]:
-    """Columns of the history of one case after ``time_s`` and ``phase``, in kernel order."""
+    """Return the columns that follow ``time_s`` and ``phase`` in the full history of one case, in
+    the order in which kernels write them."""
     bodies, joints = contents.bodies, contents.joints
     columns = [column for body in bodies for column in _columns(_BODY, f"{body}_", body)]
     columns += separation_columns(list(joints))

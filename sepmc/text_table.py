@@ -4,14 +4,14 @@ from collections.abc import Collection, Sequence
 
 
 def text_table(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> list[str]:
-    """Align cells in columns, two blanks between them.
+    """Render rows of cells as lines of text with aligned columns, two blanks between columns.
 
     Parameters
     ----------
     rows : sequence of rows of cells
         All rows have the same number of cells; the first row is usually the header.
     left : collection of int
-        Columns aligned to the left; all others are aligned to the right.
+        Indices, from 0, of the columns aligned to the left; all others are aligned to the right.
 
     Returns
     -------

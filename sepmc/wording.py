@@ -1,4 +1,5 @@
-"""Option names in messages, as on the command line or as in Python; names of columns in words."""
+"""Options in messages, written as on the command line (``--resume``) or as in Python
+(``resume=True``), as the user called sepmc; and names of columns in words."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,8 +10,8 @@ _commands = 0  # nested commands that are running
 
 @contextmanager
 def on_command_line() -> Iterator[None]:
-    """Context in which the functions of this module give names as on the command line, not as in
-    Python."""
+    """Context in which the functions of this module write options as on the command line; outside
+    of it they write them as in Python."""
     global _commands  # noqa: PLW0603
     _commands += 1
     try:
@@ -29,13 +30,14 @@ def option(name: str, value: object = "") -> str:
 
 
 def switch(name: str) -> str:
-    """Return an option that is on as text for a message: ``--resume`` or ``resume=True``."""
+    """Return a yes-or-no option, switched on, as text for a message: ``--resume`` or
+    ``resume=True``."""
     return option(name) if _commands else f"{name}=True"
 
 
 def setting(path: str, value: object) -> str:
-    """Return a setting of a campaign, by its path in the file, as text for a message: ``--set
-    run.cases=100`` or ``settings {"run.cases": 100}``."""
+    """Return, as text for a message, how to set a key of a campaign, given by its ``path`` in the
+    file: ``--set run.cases=100`` or ``settings {"run.cases": 100}``."""
     return option("set", f"{path}={value}") if _commands else f'settings {{"{path}": {value}}}'
 
 
@@ -46,29 +48,32 @@ def another_place() -> str:
 
 
 def exists(path: Path, resume: str = "", other: str | None = None) -> str:
-    """Return the message for an output that exists.
+    """Return the error message for an output file or folder that exists already.
 
     Parameters
     ----------
     path : Path
+        The output that exists.
     resume : str
-        Advice on resuming, placed before the advice to overwrite.
+        Advice on resuming, placed before the advice to overwrite; empty for none.
     other : str, optional
-        Argument that gives the path; default the option ``out``.
+        Text that names the argument for the path, which the user may change; by default the option
+        ``out``.
     """
     ways = f"{resume}, {switch('overwrite')}" if resume else switch("overwrite")
     return f"{path}: exists; add {ways} to replace it, or choose another {other or option('out')}"
 
 
 def flying_again(folder: Path, file: str | None = None) -> str:
-    """Return the command (in Python: the call) that runs the missing cases of the run in a folder:
-    with the campaign stored there, or with that of another ``file``."""
+    """Return, as text for a message, the command (in Python: the call) that runs the missing cases
+    of the run in ``folder``: with the campaign stored there, or with that in ``file``."""
     if _commands:
         return f"sepmc campaign {file or folder} --out {folder} --resume"
     return f'sepmc.load("{file or folder}").run(out="{folder}", resume=True)'
 
 
 def to_words(name: str, unit: str = "") -> str:
-    """Return a column's name in words, without its unit."""
+    """Return the name of a column in words, without the suffix for its unit:
+    ``separation_speed_m_s`` with the unit ``m/s`` becomes "separation speed"."""
     suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
     return (name.removesuffix(suffix) if unit else name).replace("_", " ")

@@ -1,4 +1,5 @@
-"""Running of written kernels: compiling, caching and calling."""
+"""Running of kernels: compiling their Python source, caching the machine code, calling it, or
+running the source as plain Python."""
 
 from sepmc.engine.numba_settings import check
 

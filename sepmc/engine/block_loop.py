@@ -1,8 +1,8 @@
-"""Parallel loop over blocks of lanes, for all scenes, compiled by Numba: it calls a kernel by its
-address.
+"""Parallel loop over blocks of LANES cases, compiled by Numba once for all scenes: it calls the
+kernel of a scene by its address.
 
-A kernel compiled into a parallel loop of its own would be optimised and turned into machine code
-three times, a third of its compile time.
+Numba would optimise a kernel inside a parallel loop and turn it into machine code three times, a
+third of its compile time.
 """
 
 from ctypes import PYFUNCTYPE, c_int64
@@ -22,8 +22,12 @@ from sepmc.routines.lanes import LANES
 
 
 def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
-    """Typer of a Numba intrinsic that calls a kernel at an address: void (double* workspace, int64
-    first, int64* arguments)."""
+    """Define the Numba intrinsic ``_enter(kernel, workspace, first, arguments)``, which calls the
+    kernel at an address. Returns its Numba signature and its code generator.
+
+    All four arguments are int64; kernel, workspace and arguments are addresses. The kernel itself
+    is void (double* workspace, int64 first, int64* arguments).
+    """
 
     def generate(context, builder, signature, values):
         integer, double_p = ir.IntType(64), ir.DoubleType().as_pointer()
@@ -44,14 +48,18 @@ _enter: Any = intrinsic(_enter_intrinsic)
 
 def _run_blocks(kernel, blocks, workspaces, size, arguments):
     """Integrate ``blocks`` blocks of LANES cases each, in parallel, with the kernel at the address
-    ``kernel``. The first workspace is at the address ``workspaces``, those of the other threads are
-    ``size`` bytes apart; ``arguments`` is the address of the sizes of all arrays."""
+    ``kernel``.
+
+    ``workspaces`` is the address of the workspace of the first thread; those of the others follow
+    ``size`` bytes apart. ``arguments`` is the address of a table with the address and the sizes of
+    each array of the kernel.
+    """
     for number in prange(blocks):
         _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
 
 def compile_loop() -> None:
-    """Compile the loop and store its object file in the cache folder."""
+    """Compile the parallel loop (`_run_blocks`) and store its object file in the cache folder."""
     signature = types.void(*5 * (types.int64,))
     function: Any = numba.cfunc(signature, parallel=True)(_run_blocks)
     library = function._library
@@ -66,8 +74,8 @@ def compile_loop() -> None:
 
 @cache
 def loop() -> Any:
-    """The loop as a callable of five integers, as `_run_blocks`: loaded from the cache folder,
-    after compiling it if it is missing there."""
+    """Return the compiled parallel loop, a callable of five integers as `_run_blocks`. It is loaded
+    from the cache folder, after being compiled if it is missing there."""
     threads.in_use()  # starts the threads that the machine code uses
     base._load_global_helpers()
     for name, address in _nrt_python.c_helpers.items():

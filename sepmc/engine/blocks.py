@@ -1,4 +1,4 @@
-"""Entry into kernels: all blocks of lanes of the cases of a run."""
+"""Entry into kernels: runs a kernel on all cases of a call, block by block of LANES cases."""
 
 import itertools
 import math
@@ -21,11 +21,11 @@ def integrate(
     kernel: Kernel, scene, table, numbers, nominal, slots, samples, steps, pace, times, typical,
     history_times, outcomes, ends, history, status, methods,
 ) -> None:  # fmt: skip
-    """Integrate all cases (columns of ``samples``) with a kernel.
+    """Integrate all cases (columns of ``samples``) with a kernel, on all threads in use, and write
+    the results into arrays of the caller.
 
-    The n cases have d sampled parameters, p parameters in all, o outcomes and error indicators. A
-    segment is a phase, or the part of a phase in which a delayed release is pending. Arrays are
-    contiguous.
+    The n cases have d sampled parameters, p parameters in all, and o rows of results. A segment is
+    a phase, or the part of a phase in which a delayed release is pending. Arrays are C-contiguous.
 
     Parameters
     ----------
@@ -39,13 +39,15 @@ def integrate(
     samples : ndarray, shape (d, n)
         Sampled parameters, SI units.
     steps : ndarray of int, shape (segments,)
-        Steps of a segment. An interval between two events takes as many or fewer.
+        Number of steps of each segment: the most that an interval between two events takes.
     pace : ndarray, shape (segments,)
-        Step length, s, which fewer steps must not exceed; 0: never fewer.
+        Step length, s: an interval takes fewer steps if none of them is then longer than this; 0:
+        never fewer.
     times : int
-        Numbers of steps of an interval are multiples of this.
+        The number of steps of an interval is a multiple of this.
     typical : ndarray, shape (segments,)
-        Typical duration of each segment, s.
+        Typical duration of each segment, s. At its start an event is predicted no later than after
+        this time, which limits the first step.
     history_times : float or ndarray, shape (rows, 3)
         Interval between rows of a separation history, s. For a full history the instants of its
         rows: time, s; number of the segment; -1 for the state just before that time, 1 for that
@@ -54,9 +56,10 @@ def integrate(
         Output: outcomes, audit columns and error indicators, SI units.
     ends : ndarray, shape (segments, n)
         Output: times at which segments end, s. With a full history, rows for the times of changes
-        within segments follow.
+        of joints and ends of strokes within segments follow.
     history : ndarray, shape (n, rows, columns)
-        Output: for separation histories speed and distance of every joint.
+        Output, SI units: speed and distance of every joint for separation histories, all columns of
+        `sepmc.schema.history_columns` for full ones.
     status : ndarray of int, shape (n,)
         Output: status of each case; below 0 if the kernel rejects it.
     methods : ndarray of int, shape (segments,)
@@ -65,7 +68,7 @@ def integrate(
     Raises
     ------
     RuntimeError
-        If the kernel is a copy without machine code, as unpickling makes it.
+        If the kernel is a copy without machine code, as unpickling creates.
     """
     arrays = (
         nominal, slots, samples, steps, typical,
@@ -82,7 +85,10 @@ def integrate(
                 kernel.plain.integrate_block([math.nan] * kernel.plain.SIZE_W, first, values)
         return
     if not kernel.address:
-        raise RuntimeError("a copy of a kernel has no machine code: load the kernel again")
+        raise RuntimeError(
+            "this kernel was copied or unpickled, so it has no machine code: load it again with "
+            "sepmc.engine.dispatch.load_kernel"
+        )
     for array in arrays:
         assert array.flags.c_contiguous
     sizes = np.array(
@@ -99,20 +105,20 @@ def integrate(
 
 
 def _run_serial(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
-    """Integrate all blocks on the thread of the caller, outside of Numba's threads, by the same
-    machine code, so with the same bits. ``kernel``, ``workspace`` and ``arguments`` are addresses,
-    as in `block_loop`."""
+    """Integrate ``blocks`` blocks of LANES cases on the thread of the caller, outside of Numba's
+    threads. The machine code is the same, and so are all bits of the results. ``kernel``,
+    ``workspace`` and ``arguments`` are addresses, as in `block_loop._run_blocks`."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
         enter(workspace, number * LANES, arguments)
 
 
 def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
-    """Allocate one workspace for each thread, each with the addresses of the compile units in
-    front.
+    """Allocate a workspace for each thread, and store the addresses of the kernel's compile units
+    just before each.
 
-    Returns the buffer (threads, numbers) and the address of the first workspace, at the start of a
-    cache line.
+    Returns the buffer (threads, numbers), which must stay referenced, and the address of the
+    workspace in its first row, at the start of a cache line.
     """
     addresses = kernel.table
     size = len(addresses) + kernel.size

@@ -1,5 +1,5 @@
-"""Files of the cache folder, each with a checksum: a truncated or changed file counts as missing.
-Object files of compiled functions, and their linking into this process.
+"""Files of the cache folder, each with a checksum, so that a truncated or changed file counts as
+missing; and linking of its object files (machine code of functions) into this process.
 
 Object files are specific to the processor.
 """
@@ -29,8 +29,8 @@ def put(path: Path, content: bytes) -> None:
     Raises
     ------
     OSError
-        If it cannot be written; with the reason, the path, and the environment variable that moves
-        the cache.
+        If it cannot be written; the error gives the reason, the path, and the environment variable
+        that moves the cache.
     """
     draft = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
     try:
@@ -38,18 +38,21 @@ def put(path: Path, content: bytes) -> None:
         draft.replace(path)
     except OSError as error:
         draft.unlink(missing_ok=True)
-        reason = f"{error.strerror} in the cache of kernels; {SETTING} moves it"
+        reason = (
+            f"{error.strerror} in the cache of kernels; the environment variable {SETTING} moves it"
+        )
         raise OSError(error.errno, reason, str(path)) from error
 
 
 def put_sealed(path: Path, content: bytes) -> None:
-    """Write a file with a checksum of its name and content in front, so that no file can replace
-    another."""
+    """Write a file with a checksum in front of its content. The checksum includes the name, so that
+    a copy of one file under the name of another is rejected."""
     put(path, _digest(path, content) + content)
 
 
 def read_sealed(path: Path) -> bytes | None:
-    """Content of a file that `put_sealed` wrote; None if it is missing or damaged."""
+    """Return the content of a file that `put_sealed` wrote, without the checksum; None if the file
+    is missing or damaged."""
     try:
         written = path.read_bytes()
     except OSError:
@@ -59,33 +62,34 @@ def read_sealed(path: Path) -> bytes | None:
 
 
 def _digest(path: Path, content: bytes) -> bytes:
-    """Checksum of a file's name and content."""
+    """Return the checksum of a file's name and content."""
     return hashlib.sha256(path.name.encode() + b"\n" + content).digest()
 
 
 def store(name: str, symbols: list[str], code: bytes) -> None:
-    """Write the object file of a function.
+    """Write the object file of a function into the cache folder.
 
     Parameters
     ----------
     name : str
-        Name of the file in the cache folder.
+        Name of the file there, without suffix.
     symbols : list of str
-        Symbol of the function, then the symbols that it needs of others.
+        Symbol of the function in the object file, then the symbols outside of it that it needs.
     code : bytes
-        Object file.
+        Content of the object file.
     """
     put_sealed(_path(name), json.dumps(symbols).encode() + b"\n" + code)
 
 
 def is_stored(name: str) -> bool:
-    """Return True if an undamaged object file of this name is in the cache folder."""
+    """Return True if the object file ``name`` is linked already, or is in the cache folder
+    undamaged."""
     return name in _linked or _read(name) is not None
 
 
 def link(name: str) -> int:
-    """Address of the function of an object file in this process; 0 if the file is missing or
-    damaged.
+    """Link the object file ``name`` into this process; return the address of its function, 0 if the
+    file is missing or damaged.
 
     Raises
     ------
@@ -96,17 +100,18 @@ def link(name: str) -> int:
 
 
 def link_or_make(name: str, make: Callable[[], None]) -> int:
-    """Address, in this process, of the function of an object file; if the file is missing or
-    damaged, ``make()`` writes it first."""
+    """Link the object file ``name`` into this process; return the address of its function. If the
+    file is missing or damaged, ``make()`` is called first, which must write it."""
     if not is_stored(name):
         make()
     return link(name)
 
 
 def link_all(names: Sequence[str]) -> list[int]:
-    """Addresses of the functions of stored object files in this process.
+    """Link object files, which must be stored, into this process; return the addresses of their
+    functions, in order.
 
-    New ones are linked together: each linker takes 1 ms to make.
+    Files that are not linked yet are linked together: creating a linker takes 1 ms.
 
     Raises
     ------
@@ -129,8 +134,8 @@ def _path(name: str) -> Path:
 
 
 def _read(name: str) -> tuple[list[str], bytes] | None:
-    """Symbols (as in `store`) and content of an object file, read once; None if it is missing or
-    damaged."""
+    """Return the symbols (as in `store`) and the content of an object file; None if it is missing
+    or damaged. It is read once, then kept in memory until it is linked."""
     if name not in _seen:
         content = read_sealed(_path(name))
         if content is None:
@@ -141,11 +146,12 @@ def _read(name: str) -> tuple[list[str], bytes] | None:
 
 
 def _link(objects: Sequence[tuple[list[str], bytes]]) -> tuple[list[int], binding.ExecutionEngine]:
-    """Load object files, each given with its symbols (as in `store`). Returns the address of the
-    function of each, and the engine that owns their code and must stay referenced.
+    """Link object files, each given as (symbols as in `store`, content), into this process. Returns
+    the address of the function of each, and LLVM's engine, which owns their code and must stay
+    referenced.
 
-    Raises RuntimeError if a symbol that they need is missing: LLVM would load them without an
-    error.
+    Raises RuntimeError if a symbol that they need is not defined in this process: LLVM would link
+    them without an error.
     """
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
@@ -155,8 +161,8 @@ def _link(objects: Sequence[tuple[list[str], bytes]]) -> tuple[list[int], bindin
     missing = [name for name in needed if not binding.address_of_symbol(name)]
     if missing:
         raise RuntimeError(
-            f"machine code (llvmlite {llvmlite.__version__}) needs {', '.join(missing)}, not "
-            "defined in this process; install a version of numba that sepmc was tested with"
+            f"machine code (llvmlite {llvmlite.__version__}) needs {', '.join(missing)}: not a "
+            "symbol of this process; install a version of numba that sepmc was tested with"
         )
     for _, code in objects:
         engine.add_object_file(binding.ObjectFileRef.from_data(code))

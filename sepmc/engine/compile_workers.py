@@ -1,7 +1,7 @@
-"""Processes that compile modules of the cache folder in parallel.
+"""Processes that compile modules (compile units of kernels) in the cache folder, in parallel.
 
-They stay alive between kernels: much of the compile time of a small unit is spent on the formulas
-it calls, once in every process.
+They stay alive between kernels, since each process has to import LLVM and the formulas that units
+call, and to parse the sources of these formulas, only once.
 """
 
 import atexit
@@ -26,7 +26,8 @@ _end: threading.Timer | None = None
 
 
 class Compiler:
-    """Process that compiles modules of the cache folder, one after the other."""
+    """Child process that compiles modules of the cache folder, one after the other
+    (`sepmc.engine.kernel_cache.serve`). Creating the object starts the process."""
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
@@ -38,8 +39,8 @@ class Compiler:
         )
 
     def compile_from(self, names: deque[str], on_done: Callable[[], None]) -> bool:
-        """Compile modules, named in a queue that several threads share, until it is empty; call
-        ``on_done`` after each. Returns True if the process survived."""
+        """Compile modules in the process until a queue of their names, which several threads share,
+        is empty; call ``on_done`` after each. Returns False if the process ended before."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         while True:
@@ -54,8 +55,9 @@ class Compiler:
             on_done()
 
     def detach(self) -> None:
-        """Close this process's copies of the pipes without writing what they buffer, and forget the
-        compiling process: it belongs to the parent that this process was forked from."""
+        """Give up, in a forked process, the compiling process, which belongs to the parent: close
+        this process's copies of its pipes, without writing what they buffer, and mark it as
+        ended."""
         for pipe in (self.process.stdin, self.process.stdout):
             assert pipe is not None
             nowhere = os.open(os.devnull, os.O_RDWR)
@@ -65,15 +67,15 @@ class Compiler:
         self.process.returncode = 0  # not a child of this process
 
     def end(self) -> None:
-        """Kill the process and close its pipes."""
+        """Kill the compiling process and close its pipes."""
         self.process.kill()
         with contextlib.suppress(OSError):
             self.process.communicate()  # closes its pipes
 
 
 def _forget_parent() -> None:
-    """After a fork, drop the compilers of the parent process, the timer that ends them, and a lock
-    that a thread of the parent may have taken."""
+    """Forget, in a process that was just forked, the compiling processes of the parent and the
+    timer that ends them, and replace a lock that a thread of the parent may have taken."""
     global _compiling, _end
     _compiling, _end = threading.Lock(), None
     while _compilers:
@@ -84,19 +86,20 @@ at_fork(_forget_parent)
 
 
 def compile_all(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
-    """Compile modules in one process for each core.
+    """Compile modules of the cache folder in parallel, in one process for each core; the processes
+    stay for later calls and end after `IDLE_S` without one.
 
     Parameters
     ----------
     names : sequence of str
-        Names of the modules.
+        Names of the modules, without suffix.
     progress : callable (int, int)
         Called after each module with the number of compiled modules and their total.
 
     Returns
     -------
     bool
-        True if all were compiled.
+        True if all were compiled; False if a process ended before, as on an error.
     """
     global _end  # noqa: PLW0603
     if not names:
@@ -117,8 +120,8 @@ def compile_all(names: Sequence[str], progress: Progress = lambda done, total: N
 
 
 def _compile_queue(queue: deque[str], on_done: Callable[[], None]) -> bool:
-    """Compile the modules of a queue in one process for each core, and call ``on_done`` after each
-    module. Returns True if all processes survived."""
+    """Compile the modules named in a queue, in one process for each core, and call ``on_done``
+    after each module. Returns False if a process ended before the queue was empty."""
     compilers = _ready(min(os.cpu_count() or 1, len(queue)))
     with ThreadPoolExecutor(len(compilers)) as threads:
         try:
@@ -133,7 +136,7 @@ def _compile_queue(queue: deque[str], on_done: Callable[[], None]) -> bool:
 
 
 def running() -> list[Compiler]:
-    """Return the compiling processes that this process has started and not ended."""
+    """Return a list of the compiling processes that this process has started and not ended."""
     return list(_compilers)
 
 
@@ -145,8 +148,8 @@ def end_all() -> None:
 
 
 def _ready(count: int) -> list[Compiler]:
-    """Return ``count`` compiling processes that are alive: those that are running, then new
-    ones."""
+    """Return ``count`` compiling processes that are alive: existing ones first, then new ones,
+    which are started."""
     for compiler in running():
         if compiler.process.poll() is not None:
             compiler.end()
@@ -157,6 +160,6 @@ def _ready(count: int) -> list[Compiler]:
 
 
 def _end_idle() -> None:
-    """End all compiling processes, after waiting for a compilation in progress."""
+    """Wait for a compilation in progress, then end all compiling processes."""
     with _compiling:
         end_all()

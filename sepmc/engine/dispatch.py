@@ -1,5 +1,5 @@
-"""Python side of compiled code: calls of kernels with arrays, threads, loading and compiling of
-kernels, and checks of the arguments of a run."""
+"""Python side of compiled code: loading and compiling of kernels, calling them with arrays, their
+threads, and checks of the arguments of a run."""
 
 import contextlib
 import math
@@ -31,14 +31,16 @@ _waited: list[float] = []  # times waited for compilers, s
 
 
 def status_in(status: np.ndarray, codes: Sequence[int]) -> np.ndarray:
-    """Mask of the cases whose status is one of some codes.
+    """Return the mask of the cases whose status is one of some codes.
 
     Ten times as fast as `numpy.isin`, which sorts.
 
     Parameters
     ----------
     status : ndarray, shape (n,)
+        Status of each case.
     codes : sequence of int
+        At least one code.
 
     Returns
     -------
@@ -52,21 +54,22 @@ def status_in(status: np.ndarray, codes: Sequence[int]) -> np.ndarray:
 
 @dataclass
 class RefinementSummary:
-    """Counts and errors of the refined cases of a block.
+    """Summary of the cases of a `Block` that were integrated again: with smaller steps, or by
+    another kernel.
 
     Attributes
     ----------
     error : ndarray, shape (o,)
-        Largest error of each outcome over the cases that were integrated with refined steps.
+        Largest error of each outcome over the cases that were integrated with smaller steps.
     n_refined : int
-        Cases integrated again with smaller steps.
+        Number of cases integrated again with smaller steps.
     n_fallback : int
-        Cases integrated again by a fallback kernel.
+        Number of cases integrated again by a fallback kernel, which handles rarer situations.
     n_unconverged : int
-        Cases whose outcomes did not converge.
+        Number of cases whose outcomes did not converge.
     indicators : ndarray, shape (g,) or (0,)
-        Largest error indicators of the cases that were not refined; they give the errors of the
-        outcomes of these cases.
+        Largest value of each error indicator over the cases that were not integrated again; the
+        errors of the outcomes of these cases follow from it. Empty: not recorded.
     """
 
     error: np.ndarray
@@ -76,8 +79,9 @@ class RefinementSummary:
     indicators: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def merged(self, other: "RefinementSummary") -> "RefinementSummary":
-        """Summary of the cases of this one and of another one; the indicators are those of this
-        one, or of the other one if this one has none."""
+        """Return the summary of the cases of this summary and of another one together. Its
+        indicators are not combined: they are those of this one, or, if it has none, of the
+        other."""
         return RefinementSummary(
             np.maximum(self.error, other.error),
             self.n_refined + other.n_refined,
@@ -89,13 +93,13 @@ class RefinementSummary:
 
 @dataclass
 class Block:
-    """Results of n cases that one call of a kernel integrated, and the summary of those that were
-    integrated again; o columns, g error indicators.
+    """Results of n cases that one call of a kernel integrated, and a summary of those of them that
+    were integrated again afterwards. There are o result columns and g error indicators.
 
     Attributes
     ----------
     outcomes : ndarray, shape (n, o)
-        Outcomes and audit columns, in SI units.
+        Outcomes and audit columns (`sepmc.schema.result_columns`), in SI units.
     status : ndarray, shape (n,)
         Status of each case; below 0 if the kernel rejected it.
     times : ndarray, shape (n, rows)
@@ -103,14 +107,14 @@ class Block:
     phases : ndarray, shape (n, rows)
         Phase number of each history row.
     history : ndarray, shape (n, rows, columns)
-        Separation speeds and distances.
+        Separation speed and distance of each joint (`sepmc.schema.separation_columns`), SI units.
     rows : ndarray, shape (n,)
         Number of valid history rows of each case.
     indicators : ndarray, shape (n, g), optional
         Error indicators (`sepmc.kernel.emit.context.Context`), not negative. NaN: unknown. Minus
         infinity: the steps were too long to count the full turns of pitch and roll.
     refinement : RefinementSummary, optional
-        Summary of the cases integrated again.
+        Summary of the cases integrated again; None before that was attempted.
     """
 
     outcomes: np.ndarray
@@ -124,13 +128,13 @@ class Block:
 
     @property
     def error(self) -> np.ndarray:
-        """Estimated error of each case (n,): the last audit column."""
+        """Estimated relative error of each case (n,): the last audit column, ``error``."""
         return self.outcomes[:, -1]
 
     @property
     def has_indicators(self) -> np.ndarray:
-        """Mask (n,) of the cases with all error indicators known; the error of another case is only
-        known once it has been integrated again."""
+        """Mask (n,) of the cases whose error indicators are all known. The error of the other cases
+        becomes known only when they are integrated again."""
         assert self.indicators is not None
         return np.asarray((self.indicators >= 0.0).all(axis=1))
 
@@ -164,6 +168,7 @@ def integrate_cases(
     ----------
     kernel : Kernel
     layout : ParameterLayout
+        Nominal parameters and content of the scene.
     steps : ndarray of int, shape (segments,)
         Number of steps of each segment. If the scene gives ``solver.step``, steps are at most that
         length divided by the largest of these numbers.
@@ -174,15 +179,17 @@ def integrate_cases(
     samples : ndarray, shape (n, d)
         Sampled values in SI units; fastest if stored by column.
     n_rows : int
-        Rows of the separation history of a case; 0 for none.
+        Number of rows of the separation history of a case; 0 for none.
     methods : ndarray of int, shape (segments,), optional
-        Number of the method of each segment; by default the most accurate one of each.
+        Index of the integration method in ``kernel.methods`` of each segment; by default the most
+        accurate one, 0.
 
     Returns
     -------
     block : Block
         Its status is below 0 where the kernel rejects a case: FINER_STEPS of
-        `sepmc.routines.layout`, or a variant of `sepmc.kernel.spec.variant`.
+        `sepmc.routines.layout` if shorter steps may succeed, else the code of the
+        `sepmc.kernel.spec.variant.Variant` of the kernel that may integrate it.
     ends : ndarray, shape (segments, n)
         Times at which segments end, s: ends of phases, and delayed releases.
     """
@@ -216,7 +223,7 @@ def integrate_nominal(
     typical: np.ndarray,
     instants: np.ndarray,
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
-    """Integrate the nominal case with a kernel written for full histories.
+    """Integrate the nominal case, without dispersions, with a kernel written for full histories.
 
     Parameters
     ----------
@@ -236,12 +243,13 @@ def integrate_nominal(
     status : int
         As in `integrate_cases`.
     turns_unclear : bool
-        The steps were too long to count the full turns of pitch and roll.
+        True if the steps were too long to count the full turns of pitch and roll.
     ends : ndarray, shape (segments + changes,)
         Times at which segments end, then times of the changes of joints and the ends of strokes
         within segments, s.
     rows : ndarray, shape (m, columns)
-        History rows in SI units; NaN if the case ended before.
+        History row for each of the ``instants``, SI units (`sepmc.schema.history_columns`); NaN
+        where the case is in another segment or has ended.
     """
     outcomes, status, ends, rows = integrate_histories(
         kernel, layout, steps, typical, np.empty(0, dtype=np.int64), np.empty((1, 0)), instants
@@ -273,6 +281,7 @@ def integrate_histories(
     kernel : Kernel
     layout : ParameterLayout
     steps : ndarray of int, shape (segments,)
+        As in `integrate_cases`.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s.
     slots : ndarray of int, shape (d,)
@@ -280,9 +289,10 @@ def integrate_histories(
     samples : ndarray, shape (n, d)
         Sampled values in SI units.
     instants : ndarray, shape (m, 3)
-        Time of a row, s; number of its segment; 1 for the state just after that time, -1 before.
+        For each history row its time, s; the number of its segment; and 1 for the state just after
+        that time, -1 for that just before it, 0 where they do not differ.
     rows : ndarray, shape (n, m, columns), optional
-        Memory for the rows.
+        Array to write the history rows into; by default a new one.
 
     Returns
     -------
@@ -291,9 +301,11 @@ def integrate_histories(
     status : ndarray, shape (n,)
         As in `integrate_cases`.
     ends : ndarray, shape (segments + changes, n)
-        Times at which segments end, then times of the releases within segments, s.
+        Times at which segments end, then times of the changes of joints and the ends of strokes
+        within segments, s.
     rows : ndarray, shape (n, m, columns)
-        History rows in SI units; NaN where a case is in another segment or has ended.
+        History rows in SI units (`sepmc.schema.history_columns`); NaN where a case is in another
+        segment or has ended.
     """
     n, columns = len(samples), len(schema.result_columns(layout.contents))
     outcomes = np.full((columns + kernel.n_indicators, n), np.nan)
@@ -322,9 +334,9 @@ def _call(
     status,
     methods=None,
 ) -> None:
-    """Integrate cases with the arrays of a parameter layout (`sepmc.engine.blocks.integrate`), then
-    compute the outcomes by formulas; ``outcomes``, ``ends``, ``history`` and ``status`` are
-    filled."""
+    """Integrate cases with the nominal parameters and content of a layout
+    (`sepmc.engine.blocks.integrate`, which explains the arguments), then compute the outcomes by
+    formulas. The results are written into ``outcomes``, ``ends``, ``history`` and ``status``."""
     from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, sampled = (
@@ -349,14 +361,14 @@ def _call(
 
 
 def check_int(name: str, value: Any, minimum: float, maximum: float | None = None) -> int:
-    """Convert a value to an integer in a range.
+    """Convert a value to an integer and check that it lies in a range.
 
     Parameters
     ----------
     name : str
         Name of the argument, for the message.
     value : object
-        An integer, or a float with an integer value (tables of numbers hold such).
+        An integer, or a float with an integer value (tables of numbers contain such); no bool.
     minimum, maximum : float
         Inclusive bounds; no upper bound if ``maximum`` is None.
 
@@ -367,12 +379,12 @@ def check_int(name: str, value: Any, minimum: float, maximum: float | None = Non
     Raises
     ------
     InputError
-        A ValueError with the name, the value and the allowed range.
+        If it is no such value; the message has the name, the value and what is allowed.
     """
     try:
         if isinstance(value, bool):
             raise TypeError
-        is_whole = isinstance(value, float) and value.is_integer()  # as tables of numbers hold it
+        is_whole = isinstance(value, float) and value.is_integer()  # as in tables of numbers
         number = int(value) if is_whole else operator.index(value)
     except TypeError:
         raise InputError(f"{name} = {value!r}: must be a whole number") from None
@@ -388,7 +400,7 @@ def check_text(name: str, value: Any, example: str) -> str:
     Raises
     ------
     InputError
-        A ValueError with the name, the value and an example of a text, if it is anything else.
+        If it is anything else; the message has ``name``, the value and ``example``, a valid text.
     """
     if not isinstance(value, str):
         raise InputError(f"{name} = {shorten(value)}: must be text, such as {example!r}")
@@ -396,21 +408,22 @@ def check_text(name: str, value: Any, example: str) -> str:
 
 
 def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> None:
-    """Raise InputError, a ValueError, unless ``step_s`` is a number of seconds that can be the
-    interval between the rows of a history of the scene; ``name`` is its name in the message."""
+    """Raise InputError unless ``step_s`` can be the interval between the rows of a history of the
+    scene: a number of seconds > 0 that gives no more rows than allowed. ``name`` is the name of
+    ``step_s`` in the message."""
     limit = 10 * MOST_ROWS
     if isinstance(step_s, bool) or not isinstance(step_s, Real):
         raise InputError(f"{name} = {shorten(step_s)}: must be a number of seconds")
     if not (step_s > 0.0 and scene.run.end_time / step_s <= limit):
         raise InputError(
-            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / limit:g} so that there "
-            f"are at most {limit} rows"
+            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / limit:g} so that the "
+            f"history has at most {limit} rows"
         )
 
 
 def check_threads(threads: int | None) -> int | None:
-    """Return ``threads`` if compiled code can use that many threads in this process; None, for all
-    of them, is returned as it is.
+    """Return ``threads``, as an integer, if compiled code can use that many threads in this
+    process; None, which means all of them, is returned as None.
 
     Raises
     ------
@@ -432,15 +445,15 @@ def check_threads(threads: int | None) -> int | None:
 
 
 def thread_notes(threads: int | None) -> list[str]:
-    """Notes for the user if fewer than the requested ``threads`` (None: all) will be used; see
-    `sepmc.engine.threads.fork_notes`."""
+    """Return the notes for the user if fewer than the requested ``threads`` (None: all) will be
+    used, else an empty list; see `sepmc.engine.threads.fork_notes`."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     return pool.fork_notes(threads)
 
 
 def use_threads(threads: int | None) -> None:
-    """Run compiled code on this many threads from now on; None: all."""
+    """Make compiled code run on ``threads`` threads from now on; None: on all."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     pool.use_threads(threads)
@@ -448,8 +461,8 @@ def use_threads(threads: int | None) -> None:
 
 @contextlib.contextmanager
 def using_threads(threads: int | None) -> Iterator[None]:
-    """Run compiled code on this many threads (None: all) inside the context, then restore the
-    number."""
+    """Context in which compiled code runs on ``threads`` threads (None: on all); the former number
+    is restored at its end."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     with pool.using_threads(threads):
@@ -462,8 +475,8 @@ _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
-    """Context in which kernels are loaded as plain Python if ``wanted`` (else as compiled code):
-    nothing is compiled, and a case takes milliseconds instead of microseconds."""
+    """Context in which kernels are loaded as plain Python if ``wanted`` is true, else as compiled
+    code. In plain Python nothing is compiled, but a case takes milliseconds, not microseconds."""
     before = _interpreting.set(wanted)
     try:
         yield
@@ -472,7 +485,8 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
 
 
 def is_interpreting() -> bool:
-    """Return True if kernels that are loaded now run as plain Python."""
+    """Return True if kernels that are loaded now run as plain Python: in a context of
+    `interpreted`, or if the environment variable NUMBA_DISABLE_JIT is set and not 0."""
     return _interpreting.get() or os.environ.get(PLAIN, "0") != "0"
 
 
@@ -484,12 +498,13 @@ def progress_reporter(log: Log | None, every_s: float) -> Callable[[Callable[[fl
     log : callable (str), optional
         Receives the messages; None: no messages.
     every_s : float
-        Least time between two messages, s.
+        Minimum time between two messages, s; the first comes no earlier than this, either.
 
     Returns
     -------
     callable
-        Takes a function that renders the message from the seconds since the start.
+        Call it often with a function that renders the message from the seconds since the start;
+        that function is called only if a message is due.
     """
     start = reported = time.monotonic()
 
@@ -504,7 +519,8 @@ def progress_reporter(log: Log | None, every_s: float) -> Callable[[Callable[[fl
 
 
 def load_kernel(text: str, log: Log | None = None) -> Kernel:
-    """Load a kernel from the disk cache, after compiling the units that are missing there.
+    """Load a kernel: compiled, from the disk cache, after compiling the compile units that are
+    missing there; or as plain Python, if `is_interpreting`.
 
     Parameters
     ----------
@@ -536,9 +552,9 @@ def load_kernel(text: str, log: Log | None = None) -> Kernel:
 
         def progress(done: int, total: int) -> None:
             if done < total:
-                report(lambda seconds: f"compiled {done} of {total} in {seconds:.0f} s")
+                report(lambda seconds: f"compiled {done} of {total} units in {seconds:.0f} s")
             elif log:  # the last message is never skipped
-                log(f"compiled {done} of {total}")
+                log(f"compiled {done} of {total} units")
 
         start = time.monotonic()
         try:
@@ -550,5 +566,6 @@ def load_kernel(text: str, log: Log | None = None) -> Kernel:
 
 
 def compile_wait_s() -> float:
-    """Total time for which this process has waited for the compilation of kernels, s."""
+    """Return the total time, s, for which this process has waited for the compilation of
+    kernels."""
     return sum(_waited)

@@ -1,4 +1,5 @@
-"""Peak rate of fused multiply-adds of this machine: the upper bound for the rate of a kernel."""
+"""Loop that reaches the peak rate of fused multiply-adds of this machine, an upper bound for the
+rate of a kernel."""
 
 import numpy as np
 from numba import njit, prange
@@ -32,7 +33,8 @@ def _sixteen(x, a, b):
 
 @njit(parallel=True, fastmath={"contract"}, error_model="numpy")
 def multiply_add(blocks, passes, a, b):
-    """Apply x = x a + b ``passes`` * STEPS times to every number; each row is one thread's.
+    """Replace every number x in ``blocks`` by x a + b, ``passes`` * STEPS times in succession; each
+    row is processed by one thread.
 
     The numbers are independent, so the loop over them is vectorised and the processor's pipelines
     are full.
@@ -68,5 +70,5 @@ def multiply_add(blocks, passes, a, b):
 
 
 def blocks(threads: int) -> np.ndarray:
-    """Array of ones for `multiply_add`, shape (threads, CHAINS * NUMBERS)."""
+    """Return an array of ones to call `multiply_add` with, shape (threads, CHAINS * NUMBERS)."""
     return np.ones((threads, CHAINS * NUMBERS))

@@ -1,4 +1,5 @@
-"""Outcomes by formulas of other outcomes, computed from the rows that a kernel has written."""
+"""Outcomes that a campaign file defines by formulas of other outcomes: computed after the kernel,
+from the outcomes that it has written."""
 
 import numpy as np
 
@@ -7,17 +8,20 @@ from sepmc.schema import Contents, Status, outcome_columns, result_columns
 
 
 def fill_formulas(contents: Contents, outcomes: np.ndarray, status: np.ndarray) -> None:
-    """Compute the outcomes that a file defines by formulas of others. A case fails (status
-    UNDEFINED_FORMULA, outcomes NaN) if a formula is undefined although the outcomes in it are not.
+    """Compute, for n cases, the outcomes that the campaign file defines by formulas of others.
+
+    A case fails if a formula is undefined although all outcomes in it are finite: it gets the
+    status UNDEFINED_FORMULA, and NaN as its outcomes and audit columns.
 
     Parameters
     ----------
     contents : Contents
-        Of the scene; gives the formulas and the order of the columns.
+        Contents of the scene; gives the formulas and the order of the columns.
     outcomes : ndarray, shape (columns, n)
-        A row for each result column, SI units, and more rows after these; changed in place.
+        A row for each result column, SI units; rows after these are ignored. The rows of outcomes
+        by formulas are written.
     status : ndarray of int, shape (n,)
-        Changed in place; cases that a kernel has rejected (below 0) keep theirs.
+        Status of the cases, changed in place; only OK and NEVER_RELEASED are replaced.
     """
     if not contents.formulas:
         return

@@ -1,7 +1,7 @@
-"""State shared with the host process: a lock for loading kernels, and what a forked process must
-reset.
+"""Safety in a host process with threads and forks: a lock for loading kernels, and functions that a
+forked process calls to reset its state.
 
-`os.register_at_fork` serves both; systems without fork do not have it.
+Both use `os.register_at_fork`, which systems without fork do not have.
 """
 
 import os
@@ -15,8 +15,8 @@ loading = threading.RLock()
 
 
 def at_fork(in_child: Callable[[], None]) -> None:
-    """Register a function that a process forked from this one calls before its own code
-    continues, after functions registered before; without effect on systems without fork."""
+    """Register a function that every process forked from this one calls before anything else, after
+    the functions registered before. It has no effect on systems without fork."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=in_child)
 

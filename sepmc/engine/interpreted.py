@@ -1,9 +1,9 @@
-"""Written kernels run as plain Python: the same text, one lane, nothing compiled. Used for a few
-cases of a new scene, and in a debugger.
+"""Running of kernels as plain Python: the same source, one case at a time, nothing compiled. Used
+for a few cases of a new scene, and in a debugger.
 
-The formulas that a text calls are imported a second time, for one lane. Python's floats make this
-three times as fast as numpy's. Where numpy's would give
-infinity or NaN and Python's raise an error (division by zero, roots and powers), safe operations
+The formulas and routines that a kernel calls are imported a second time, for one lane (LANES = 1).
+They calculate with Python's floats, three times as fast as numpy's. Where Python raises an error
+and compiled code gives infinity or NaN (division by zero, roots and powers), safe operations
 replace the plain ones.
 """
 
@@ -31,16 +31,16 @@ _BETWEEN = "\n\n\n"  # two functions of a kernel
 
 
 class Numbers(list[Any]):
-    """List with the numbers of an array with one axis, and its shape."""
+    """List with the numbers of a 1-D array, and the attribute ``shape`` of that array."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape, as that of an array with one axis."""
+        """Shape of the 1-D array: (number of items,)."""
         return (len(self),)
 
 
 class Table:
-    """Array whose elements are read as Python's numbers and written through."""
+    """Wrapper of an array: elements are read as Python's numbers, and written to the array."""
 
     def __init__(self, array: np.ndarray):
         self.array, self.shape, self.item = array, array.shape, array.item
@@ -53,19 +53,19 @@ class Table:
 
 
 def as_python(array: np.ndarray, writable: bool = False) -> Any:
-    """Convert an array for a kernel in plain Python.
+    """Convert an array to an object of Python's numbers, for a kernel that runs as plain Python.
 
     Parameters
     ----------
     array : ndarray
     writable : bool
-        True if the kernel writes elements that have to arrive in ``array``.
+        True if elements that the kernel writes must appear in ``array``.
 
     Returns
     -------
     Numbers, Table or list
-        Numbers, fast to read, if the array has one axis and is not to be written; else a Table. For
-        an array of records, a list of namespaces with the fields as attributes.
+        Numbers, a copy that is fast to read, if the array has one axis and is not ``writable``;
+        else a Table. For an array of records, a list of namespaces with the fields as attributes.
     """
     if array.dtype.names is not None:
         return [
@@ -76,8 +76,8 @@ def as_python(array: np.ndarray, writable: bool = False) -> Any:
 
 
 def _over(a: float, b: float) -> float:
-    """Quotient of a number ``a`` and a zero ``b`` of either sign, as in IEEE 754: NaN or an
-    infinity."""
+    """Return the quotient a / b for a zero ``b`` of either sign, as in IEEE 754: NaN if a is 0 or
+    NaN, else infinity with the sign of the quotient."""
     return (
         math.nan
         if a == 0.0 or math.isnan(a)
@@ -86,7 +86,8 @@ def _over(a: float, b: float) -> float:
 
 
 def _power(a: float, b: float) -> float:
-    """Raise a number to a power; the result of numpy's power where Python's fails or is complex."""
+    """Return a to the power b: numpy's result (NaN or infinity) where Python raises an error or
+    gives a complex number."""
     try:
         power = a**b
     except ArithmeticError:
@@ -98,8 +99,8 @@ def _power(a: float, b: float) -> float:
 
 
 def _rounded(rounding: Any) -> Any:
-    """Version of a rounding function (`math.floor`, `math.ceil`) that returns a float with the sign
-    of its argument, as numpy's; NaN and infinity stay as they are."""
+    """Return a version of `math.floor` or `math.ceil` that works as numpy's: its result is a float
+    with the sign of the argument; NaN and infinity are returned unchanged."""
     return lambda x: math.copysign(rounding(x), x) if math.isfinite(x) else x
 
 
@@ -108,26 +109,32 @@ _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _r
 
 
 class _Divisions(ast.NodeTransformer):
-    """Replace ``a / b`` by ``a / d if (d := b) else _over(a, d)``, unless b is a constant, ``a **
-    2`` by ``(c := a) * c``, as it is compiled, and other powers by ``_power(a, b)``."""
+    """Transformer of a syntax tree that makes divisions and powers safe.
+
+    It replaces ``a / b`` by ``a / d if (d := b) else _over(a, d)``, unless b is a constant that is
+    not 0; ``a ** 2`` by ``(c := a) * c``, as it is compiled; and other powers by ``_power(a, b)``.
+    """
 
     def __init__(self) -> None:
         self.count = 0
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """Replace a division or a power after its operands; keep other operations."""
+        """Return the safe expression for a division or a power, whose operands are made safe first;
+        return other operations unchanged."""
         self.generic_visit(node)
         return self._safe(node, node.left, node.op, node.right)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        """Replace ``a /= b`` and ``a **= b`` by assignments; keep others."""
+        """Return an assignment of the safe expression for ``a /= b`` and ``a **= b``; return other
+        augmented assignments unchanged."""
         self.generic_visit(node)
         left = ast.parse(ast.unparse(node.target), mode="eval").body
         safe = self._safe(node, left, node.op, node.value)
         return node if safe is node else ast.copy_location(ast.Assign([node.target], safe), node)
 
     def _safe(self, node: Any, left: ast.expr, op: ast.operator, right: ast.expr) -> Any:
-        """Safe expression of a division or a power, or the node itself."""
+        """Return the safe expression for ``left op right`` if it is a division or a power that
+        needs one; else the ``node`` itself, from which it was taken."""
 
         def new(created: Any) -> Any:
             return ast.copy_location(created, node)
@@ -155,8 +162,8 @@ class _Divisions(ast.NodeTransformer):
 
 
 def _compiled(text: str, name: str) -> Any:
-    """Compile Python source into code whose functions divide safely (`_Divisions`); ``name`` is its
-    file name."""
+    """Compile Python source into a code object in whose functions divisions and powers are safe
+    (`_Divisions`). ``name`` is its file name in tracebacks."""
     tree, divisions, lines = ast.parse(text), _Divisions(), text.splitlines()
     for k, node in enumerate(tree.body):
         if isinstance(node, ast.FunctionDef) and any(
@@ -168,14 +175,14 @@ def _compiled(text: str, name: str) -> Any:
 
 @lru_cache(maxsize=2000)
 def _function_code(text: str) -> Any:
-    """Compile the source of a function of a kernel with safe divisions; cached, since scenes that
-    are alike share most functions."""
+    """Compile a function of a kernel, given by its source, with safe divisions. The code object is
+    cached, since similar scenes share most functions."""
     return _compiled(text, "<kernel>")
 
 
 def _run_module(text: str, names: dict[str, Any]) -> None:
-    """Run the source of a kernel, function by function, in the namespace ``names``. The functions
-    get the line numbers that they have in ``text``."""
+    """Execute the source of a kernel, function by function, which adds its functions and constants
+    to the dict ``names``. The functions get the line numbers that they have in ``text``."""
     line = 0
     for part in text.split(_BETWEEN):
         before = set(names)
@@ -189,31 +196,33 @@ def _run_module(text: str, names: dict[str, Any]) -> None:
 
 
 def _is_of_kernel(value: Any) -> bool:
-    """Return True for functions that stand in the text of a kernel."""
+    """Return True for a function that is defined in the source of a kernel, not imported by it."""
     return isinstance(value, FunctionType) and value.__code__.co_filename == "<kernel>"
 
 
 class _Loader(importlib.machinery.SourceFileLoader):
-    """Import a module of formulas with safe divisions, without a cache file."""
+    """Loader that imports a module with safe divisions, and without reading or writing a bytecode
+    file."""
 
     def get_code(self, fullname: str) -> Any:
-        """Code of the module, compiled from its text with safe divisions."""
+        """Return the code object of a module, compiled from its source with safe divisions."""
         path = self.get_filename(fullname)
         return _compiled(self.get_data(path).decode(), path)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Run the module with ``_over`` and ``_power`` among its names."""
+        """Execute the module after adding ``_over`` and ``_power`` to its globals."""
         vars(module).update(_over=_over, _power=_power)
         super().exec_module(module)
 
 
 class _Finder(importlib.abc.MetaPathFinder):
-    """Find modules that are imported a second time."""
+    """Finder of the modules that are imported a second time, with `_Loader`."""
 
     def find_spec(
         self, fullname: str, path: Any, target: Any = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """Spec of a module that is imported a second time, with its loader; None for any other."""
+        """Return the spec, with `_Loader`, of a module that is imported a second time; None for any
+        other module."""
         if not _is_copied(fullname):
             return None
         spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
@@ -223,20 +232,20 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 
 def _is_copied(name: str) -> bool:
-    """Return True for modules that are imported a second time."""
+    """Return True for the name of a module that is imported a second time: those of `_COPIED`."""
     return (name + ".").startswith(_COPIED)
 
 
 def _copied() -> dict[str, ModuleType]:
-    """Modules of formulas and routines in `sys.modules`, by name: those that are imported a second
-    time."""
+    """Return the modules in `sys.modules`, by name, that are formulas or routines: the first or the
+    second copies, whichever are there."""
     return {name: module for name, module in sys.modules.items() if _is_copied(name)}
 
 
 @contextlib.contextmanager
 def _second_copies() -> Iterator[None]:
-    """Context in which imports of formulas and routines give second copies; the first ones are back
-    in `sys.modules` afterwards."""
+    """Context in which imports of formulas and routines give second copies, with safe divisions and
+    one lane. At its end the first copies are put back into `sys.modules`."""
     first, switch, finder = _copied(), config.plain, _Finder()
     package = sys.modules["sepmc"]
     for name in first:
@@ -259,7 +268,8 @@ def _second_copies() -> Iterator[None]:
 
 
 def load(text: str) -> Kernel:
-    """Load a kernel to run in plain Python (`sepmc.engine.blocks.integrate`)."""
+    """Return a kernel, given by its source, to run as plain Python
+    (`sepmc.engine.blocks.integrate`); the last one is cached."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
         vars(module).update(_over=_over, _power=_power)
@@ -282,9 +292,11 @@ def load(text: str) -> Kernel:
 
 
 def _in_python(module: ModuleType) -> None:
-    """Change the names of a module so that it calculates with Python's numbers: replace math, numpy
-    and arrays by versions for these, `linear.eliminate` by LAPACK, and wrap searches so that they
-    count their lines."""
+    """Change the globals of a module so that it calculates with Python's numbers.
+
+    ``math``, ``numpy`` and arrays are replaced by versions for these, `linear.eliminate` by LAPACK;
+    functions of the modules `SEARCHES` are wrapped so that they count their lines.
+    """
     for name, value in vars(module).items():
         if value is math:
             setattr(module, name, _MATH)
@@ -302,9 +314,12 @@ def _in_python(module: ModuleType) -> None:
 def _eliminate(
     routine: Any, dependent: float, w: list[float], start: int, n: int, scratch: int, out: int
 ) -> float:
-    """`linear.eliminate` for one lane by LAPACK, with the same pivoting: ten times as fast. Systems
-    with NaN or infinity go to the ``routine`` itself; a pivot of at most ``dependent`` means a
-    singular system."""
+    """Do what `linear.eliminate` does, for one lane, by LAPACK: ten times as fast in Python.
+
+    The arguments from ``w`` on and the result are those of `linear.eliminate`, the pivoting, too.
+    Systems with NaN or infinity are passed to ``routine``, which is `linear.eliminate` itself. A
+    system is singular if its smallest pivot is at most ``dependent``.
+    """
     from scipy.linalg import lapack  # noqa: PLC0415  (few scenes need it)
 
     numbers = np.array(w[start : start + n * n + n])

@@ -1,4 +1,5 @@
-"""Kernels on disk: split into compile units, compiled in parallel in processes, loaded."""
+"""Kernels on disk: their source is split into compile units, these are compiled in parallel
+processes, and their machine code is loaded."""
 
 import hashlib
 import os
@@ -19,19 +20,20 @@ _SLOW = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.
 
 
 class CompileUnits(msgspec.Struct, frozen=True):
-    """Compile units of a kernel, and its sizes.
+    """Names of the compile units of a kernel, and properties of the kernel.
 
     Attributes
     ----------
     names : tuple of str
-        Modules in the cache folder, in the order of the table of addresses; the last one is the
-        entry.
+        Names of the units, which are also those of their modules (Python source) and object files
+        in the cache folder. Units call each other by their index here; the last one is the entry of
+        the kernel.
     size : int
         Number of floats in the workspace.
     n_indicators, n_segments, n_changes : int
-        Counts of error indicators, of segments, and of reported times within segments (changes of
-        joints, ends of strokes).
-    methods : tuple
+        Numbers of error indicators of a case, of segments, and of reported times within segments
+        (changes of joints, ends of strokes).
+    methods : tuple of tuple of str
         For each segment, the names of its integration methods.
     """
 
@@ -44,10 +46,11 @@ class CompileUnits(msgspec.Struct, frozen=True):
 
 
 def compile_units_of(text: str) -> CompileUnits:
-    """Split the source of a kernel into compile units and write their modules into the cache
-    folder; nothing is compiled yet.
+    """Split the Python source of a kernel into compile units and write their modules into the cache
+    folder. Nothing is compiled.
 
-    Splitting takes as long as writing the kernel, so the result is stored.
+    The result is stored in the cache folder, too, since splitting takes as long as writing the
+    kernel.
     """
     known = CACHE_FOLDER / f"kernel_{_digest(text)}.sealed"
     stored = cache_files.read_sealed(known)
@@ -63,12 +66,13 @@ def compile_units_of(text: str) -> CompileUnits:
 
 
 def write_modules(texts: Sequence[str]) -> list[str]:
-    """Write texts as modules into the cache folder, if they are new.
+    """Write Python sources as modules into the cache folder; one that is there is not written
+    again.
 
     Returns
     -------
     list of str
-        Names of the modules, made of digests of the texts.
+        Name of the module of each text, with a digest of the text.
     """
     names = []
     for text in texts:
@@ -88,7 +92,7 @@ def _name_of(text: str) -> str:
 
 
 def _is_written(name: str) -> bool:
-    """Return True if a module is in the cache folder with the text its name stands for."""
+    """Return True if a module is in the cache folder and its text has the digest in its name."""
     try:
         return _name_of((CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")) == name
     except (OSError, UnicodeDecodeError):
@@ -96,8 +100,9 @@ def _is_written(name: str) -> bool:
 
 
 def _compile(name: str) -> None:
-    """Compile a compile unit, by the name of its module, or the loop over blocks
-    (`cache_files.LOOP`), and store the object file in the cache folder."""
+    """Compile the compile unit whose module in the cache folder is called ``name``, or the loop
+    over blocks (`cache_files.LOOP`), in this process; store the object file in the cache
+    folder."""
     if name == cache_files.LOOP:
         from sepmc.engine.block_loop import compile_loop  # noqa: PLC0415  (numba)
 
@@ -108,8 +113,8 @@ def _compile(name: str) -> None:
 
 
 def load(units: CompileUnits) -> Kernel:
-    """Load a kernel from the object files of its compile units; units whose files are missing in
-    the cache folder are compiled in this process first."""
+    """Load the machine code of a kernel into this process, from the object files of its compile
+    units in the cache folder. Units without such a file are first compiled in this process."""
     for name in units.names:
         if not cache_files.is_stored(name):
             _compile(name)
@@ -126,16 +131,16 @@ def load(units: CompileUnits) -> Kernel:
 
 
 def missing_units(units: CompileUnits) -> list[str]:
-    """Names of the modules of compile units that are not compiled yet, slowest first; before them
-    that of the loop over blocks, if it is not."""
+    """Return the names of the compile units that are not compiled yet, those that take longest
+    first. Before them comes the loop over blocks (`cache_files.LOOP`) if it is not compiled."""
     absent = [name for name in dict.fromkeys(units.names) if not cache_files.is_stored(name)]
     absent.sort(key=_compile_order, reverse=True)
     return absent if cache_files.is_stored(cache_files.LOOP) else [cache_files.LOOP, *absent]
 
 
 def _compile_order(name: str) -> tuple[bool, int]:
-    """Sort key of a compile unit by its compile time: if it calls slow routines, then its
-    length."""
+    """Return a key that sorts compile units by their expected compile time: True if the unit calls
+    a routine of `_SLOW`, then the length of its source."""
     text = (CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")
     return any(module in text for module in _SLOW), len(text)
 
@@ -143,18 +148,19 @@ def _compile_order(name: str) -> tuple[bool, int]:
 def compile_in_subprocesses(
     units: CompileUnits, progress: Progress = lambda done, total: None
 ) -> bool:
-    """Compile the missing units and the block loop into the cache folder, in separate processes.
+    """Compile those units, and the loop over blocks, that are not in the cache folder yet, in
+    separate processes in parallel.
 
     Parameters
     ----------
     units : CompileUnits
     progress : callable (int, int)
-        Called after each unit with the number of compiled units and their total.
+        Called after each unit with the number of units compiled so far and their total.
 
     Returns
     -------
     bool
-        True if all were compiled.
+        True if all were compiled; False if a process failed or could not be started.
     """
     try:
         with cache_lock("units"):
@@ -164,7 +170,8 @@ def compile_in_subprocesses(
 
 
 def serve() -> None:
-    """Compile the modules named on standard input, a line each, and answer each with its name."""
+    """Run as a compiling process: compile the modules named on standard input, one in each line,
+    and print the name of each on standard output when it is done. Returns at the end of input."""
     output = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # other output goes to standard error
     for line in sys.stdin:

@@ -1,10 +1,10 @@
-"""Texts of written kernels, stored in the cache folder: writing one takes as long as integrating
-ten thousand cases.
+"""Texts of kernels (their Python source), cached in memory and in the cache folder: writing one
+takes as long as integrating ten thousand cases.
 
-A text depends on the structure of a scene and not on its values: a value is read from the parameter
-vector of a case. What a writer may ask of a value is how it compares with another one or with 0, 1
-or infinity (a motor without build-up, a spring without end). Scenes whose values compare alike
-have one text.
+A text depends on the structure of a scene, not on its values, which a kernel reads from the
+parameter vector of a case. The code that writes a kernel may only compare a value with another one
+or with 0, 1, -1 or infinity (a motor without build-up, a spring without end). Scenes whose values
+compare alike share one text.
 """
 
 import hashlib
@@ -29,17 +29,18 @@ _texts: RecentItems[str, str] = RecentItems(64)  # by digest
 
 
 def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
-    """Text of a kernel (`sepmc.kernel.emit.module.emit`), from memory, from the cache folder, or
-    written.
+    """Return the text of a kernel: from memory, from the cache folder, or newly written by
+    `sepmc.kernel.emit.module.emit` and then stored in both.
 
     Parameters
     ----------
     spec : KernelSpec
         Structure of the kernel.
     method_name : str
-        Integration method.
+        Name of the integration method.
     history : int
-        NO_HISTORY, SEPARATION_HISTORY or FULL_HISTORY.
+        NO_HISTORY, SEPARATION_HISTORY or FULL_HISTORY (`sepmc.routines.layout`): the rows over time
+        that the kernel writes.
 
     Returns
     -------
@@ -56,8 +57,8 @@ def written(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> st
 
 
 def _stored_or_emitted(digest: str, spec: KernelSpec, method_name: str, history: int) -> str:
-    """Text of a kernel from the cache folder, by the digest of its structure; emitted and stored if
-    it is missing there."""
+    """Return the text of a kernel from the cache folder, where ``digest`` names it; if it is
+    missing there, write it (other arguments as in `written`) and store it."""
     # imported here: llvmlite
     from sepmc.code_cache import CACHE_FOLDER  # noqa: PLC0415
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
@@ -82,10 +83,10 @@ def _writers_digest() -> bytes:
 
 
 def structure_of(spec: KernelSpec) -> bytes:
-    """Structure of a kernel: all that its text depends on.
+    """Return the structure of a kernel, which is all that its text depends on, as bytes.
 
     Each value of the scene is replaced by its rank among all values and the constants 0, 1, -1 and
-    infinity. Of the tables, whole numbers are kept (they may be counts).
+    infinity. In the tables only whole numbers are kept, since they may be counts.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def structure_of(spec: KernelSpec) -> bytes:
     Returns
     -------
     bytes
-        To be hashed: kernels with equal structures have the same text.
+        Key of the text, to be hashed: kernels with equal structures have the same text.
     """
     tree, layout = msgspec.to_builtins(spec.scene), spec.layout
     values = sorted({*_values(tree), *_COMPARED})
@@ -116,7 +117,7 @@ def structure_of(spec: KernelSpec) -> bytes:
 
 
 def _values(node: Any) -> Iterator[float]:
-    """Floats in nested dicts and lists, NaN excepted."""
+    """Yield all floats in nested dicts and lists, except NaN."""
     if isinstance(node, float) and not math.isnan(node):
         yield node
     elif isinstance(node, dict | list | tuple):
@@ -125,7 +126,8 @@ def _values(node: Any) -> Iterator[float]:
 
 
 def _ranked(node: Any, ranks: dict[float, int]) -> Any:
-    """Nested dicts and lists with each float replaced by its rank, or by -1 if it is NaN."""
+    """Return a copy of nested dicts and lists with each float replaced by its rank, from ``ranks``,
+    or by -1 if it is NaN."""
     if isinstance(node, float):
         return ranks.get(node, -1)  # -1: NaN
     if isinstance(node, dict):

@@ -9,8 +9,8 @@ _THREADS = "NUMBA_NUM_THREADS"
 
 
 def check() -> None:
-    """Raise InputError if NUMBA_NUM_THREADS is no whole number >= 1, on which the import of Numba
-    fails; do nothing if Numba is imported already."""
+    """Raise InputError if the environment variable NUMBA_NUM_THREADS is set, but not to a whole
+    number >= 1: importing Numba would fail. Do nothing if Numba is imported already."""
     value = os.environ.get(_THREADS, "")
     if not value or "numba" in sys.modules:
         return

@@ -1,9 +1,9 @@
-"""Threads of compiled code: their number, and the processes that cannot use them.
+"""Threads of compiled code: their number, and processes that cannot use them.
 
-A process forked from one in which Numba's threads run has none of them. GNU OpenMP kills it when it
-enters a parallel loop, so it runs kernels on one thread, outside that loop. Numba's layer
-``workqueue`` ends the process if two Python threads enter such a loop at once, so they take turns;
-the layers ``omp`` and ``tbb`` allow several.
+A process that is forked from one in which Numba's threads run has none of these threads. GNU OpenMP
+would kill it when it enters a parallel loop, so it runs kernels on one thread, outside that loop.
+Numba's threading layer ``workqueue`` ends the process if two Python threads enter a parallel loop
+at once, so they take turns; the layers ``omp`` and ``tbb`` allow several.
 """
 
 import contextlib
@@ -28,8 +28,8 @@ _forked = _noted = False
 
 
 def _reset_after_fork() -> None:
-    """Reset after a fork: another thread may have had the lock, and Numba's threads do not
-    exist."""
+    """Reset the state of this module in a process that was just forked: a thread of the parent may
+    have had the lock, and Numba's threads, if they were started, do not exist here."""
     global _region_lock, _forked, _noted  # noqa: PLW0603
     _region_lock, _noted = threading.Lock(), False
     _forked = _forked or parallel._is_initialized
@@ -39,8 +39,8 @@ at_fork(_reset_after_fork)
 
 
 def _threads_are_gone() -> bool:
-    """Return True if Numba's threads were started in the process this one was forked from, before
-    this module was imported."""
+    """Return True if this process was forked from one in which Numba's threads were running, before
+    this module was imported. It counts the threads that exist; always False if not on Linux."""
     if not (parallel._is_initialized and sys.platform == "linux"):
         return False
     count = len(os.listdir("/proc/self/task"))
@@ -51,7 +51,8 @@ _forked = _threads_are_gone()
 
 
 def fork_notes(threads: int | None) -> list[str]:
-    """Note for the user that a forked process has one thread only, once in a process.
+    """Return the note for the user that this forked process uses one thread only; a process gets it
+    once.
 
     Parameters
     ----------
@@ -61,8 +62,8 @@ def fork_notes(threads: int | None) -> list[str]:
     Returns
     -------
     list of str
-        The note; empty if this process has all its threads, if one thread is all that is requested,
-        or if the note was returned before.
+        The note. Empty if this process has all its threads, if only one thread is requested, or if
+        the note was returned before.
     """
     global _noted  # noqa: PLW0603
     if _noted or not _forked or (threads or max_threads()) == 1:
@@ -75,12 +76,14 @@ def fork_notes(threads: int | None) -> list[str]:
 
 
 def is_forked() -> bool:
-    """Return True if this process was forked from one with running threads: it uses one thread."""
+    """Return True if this process was forked from one in which Numba's threads were running, so
+    that it can use one thread only."""
     return _forked
 
 
 def max_threads() -> int:
-    """Return the largest number of threads that can be requested."""
+    """Return the largest number of threads that can be requested: the cores of this machine, or
+    NUMBA_NUM_THREADS."""
     return int(config.NUMBA_NUM_THREADS)
 
 
@@ -101,8 +104,8 @@ def in_use() -> int:
 
 
 def _fault(error: ValueError) -> InputError:
-    """InputError that explains an error of Numba's threading layer: which of its settings is wrong,
-    and what it may be."""
+    """Return an InputError that explains an error of Numba's threading layer: which environment
+    variable is wrong, its value, and what it may be."""
     layer = str(config.THREADING_LAYER)
     if "PRIORITY" in str(error):
         order = " ".join(config.THREADING_LAYER_PRIORITY)
@@ -118,8 +121,8 @@ def _fault(error: ValueError) -> InputError:
 
 
 def use_threads(count: int | None) -> int:
-    """Run compiled code on ``count`` threads from now on in this Python thread, on all if None.
-    Returns the number in use."""
+    """Make compiled code that this Python thread calls run on ``count`` threads from now on; None:
+    on all. Returns the number in use, which is 1 in a forked process."""
     if not _forked:
         in_use()
         set_num_threads(count or max_threads())
@@ -128,8 +131,8 @@ def use_threads(count: int | None) -> int:
 
 @contextlib.contextmanager
 def using_threads(count: int | None) -> Iterator[int]:
-    """Run compiled code on ``count`` threads (None: all) inside the context, then restore the
-    number."""
+    """Context in which compiled code runs on ``count`` threads (None: on all); it yields the number
+    in use. The former number is restored at its end."""
     before = in_use()
     try:
         yield use_threads(count)
@@ -140,8 +143,8 @@ def using_threads(count: int | None) -> Iterator[int]:
 
 @contextlib.contextmanager
 def parallel_region() -> Iterator[None]:
-    """Context of a parallel loop: if the threading layer allows only one loop at a time, it waits
-    until no other Python thread is in such a context."""
+    """Context in which to run a parallel loop. If Numba's threading layer allows one loop at a time
+    only, it is entered once no other Python thread is in such a context."""
     if parallel._threading_layer == _EXCLUSIVE:
         with _region_lock:
             yield

@@ -1,5 +1,5 @@
-"""Work of kernels run in plain Python, counted in executed lines: the same on every machine, so
-that decisions based on it are the same, too."""
+"""Work of kernels that run as plain Python, counted in executed lines of code. This count is the
+same on every machine, and so are decisions based on it."""
 
 import contextlib
 import math
@@ -28,23 +28,23 @@ SEARCHES = tuple(
 
 
 class WorkLimitError(Exception):
-    """A kernel in plain Python has executed more lines than `Work.limit`."""
+    """A kernel that runs as plain Python has executed more lines than `Work.limit`."""
 
 
 @dataclass
 class Work:
-    """Executed lines of kernels, with a limit for plain Python.
+    """Counter of the lines that kernels have executed, with a limit for plain Python.
 
     Attributes
     ----------
     limit : float
-        Beyond this number of lines WorkLimitError is raised.
+        Number of lines in plain Python beyond which WorkLimitError is raised.
     done : float
-        Lines executed in plain Python.
+        Number of lines executed in plain Python.
     compiled : float
-        Estimated lines executed in compiled kernels.
+        Estimated number of lines executed in compiled kernels.
     numbers : list
-        Workspace of the kernel that is running.
+        Workspace of the kernel that is running, or that ran last, in plain Python; None at first.
     """
 
     limit: float = math.inf
@@ -54,7 +54,8 @@ class Work:
 
     @contextlib.contextmanager
     def counted(self) -> Iterator[None]:
-        """Count the lines that run inside the context; raises WorkLimitError at the limit."""
+        """Context in which lines of kernels that run as plain Python are added to ``done``; beyond
+        the limit they raise WorkLimitError."""
         before = _counting.set(self)
         try:
             yield
@@ -63,7 +64,7 @@ class Work:
 
     @property
     def left(self) -> float:
-        """Lines left to the limit."""
+        """Number of lines left up to the limit; negative beyond it."""
         return self.limit - self.done
 
 
@@ -71,13 +72,16 @@ _counting: ContextVar[Work | None] = ContextVar("counting", default=None)
 
 
 def counting_lines(function: FunctionType, has_workspace: bool = False) -> Callable[..., Any]:
-    """Wrap a function so that each call adds its number of lines to the `Work` that is counting, if
-    any, and raises WorkLimitError beyond its limit.
+    """Wrap a function so that each call adds its number of lines of code to the `Work` in whose
+    context (`Work.counted`) it runs, and raises WorkLimitError beyond the limit.
+
+    A call counts all lines once, whichever of them it executes. Outside of such a context nothing
+    is counted.
 
     Parameters
     ----------
     function : function
-        Called with positional arguments.
+        Function that is called with positional arguments only.
     has_workspace : bool
         True if the first argument is the workspace of a kernel, which then becomes `Work.numbers`.
 

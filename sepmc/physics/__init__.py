@@ -1,1 +1,2 @@
-"""Formulas on numbers and tuples, without layout and without loops over bodies."""
+"""Formulas of physics and geometry on numbers and tuples. They know neither where a kernel stores
+its numbers nor which bodies, joints and loads a scene has."""

@@ -72,7 +72,7 @@ def aero_force(qs, c):
     qs : float
         Dynamic pressure times reference area, N.
     c : sequence of float
-        Coefficients, of which C_A, C_N and C_Y are the first three.
+        Coefficients; the first three are C_A (axial), C_N (normal) and C_Y (side).
 
     Returns
     -------
@@ -91,7 +91,7 @@ def aero_moment(qsl, c):
     qsl : float
         Dynamic pressure times reference area and length, N m.
     c : tuple of 3 float
-        C_l, C_n, C_m.
+        Coefficients C_l (roll), C_n (yaw), C_m (pitch).
 
     Returns
     -------

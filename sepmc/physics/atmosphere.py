@@ -16,7 +16,8 @@ NEAR = 500.0  # m: range of the series about a height
 
 
 def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Temperatures (K) and pressures (Pa) at the bases of all layers, from the lowest layer up."""
+    """Return the temperatures (K) and the pressures (Pa) at the bases of all layers, from the
+    lowest layer up."""
     temperature, pressure = [288.15], [101_325.0]
     for low, high, lapse in zip(BASES, BASES[1:-1], LAPSES, strict=False):
         t0, p0 = temperature[-1], pressure[-1]
@@ -74,12 +75,12 @@ def us1976(height):
 
 @routine
 def layer(height):
-    """Layer that contains a height.
+    """Find the layer of the standard atmosphere that contains a height.
 
     Parameters
     ----------
     height : float
-        Geometric height, m.
+        Geometric height, m; below 0 the lowest layer is returned, above 86,000 the highest.
 
     Returns
     -------
@@ -109,14 +110,14 @@ def geopotential(height):
 
 @formula
 def in_layer(height, base):
-    """Pressure and temperature in a layer; eqs (23), (33).
+    """Pressure and temperature at a height in a known layer; eqs (23), (33).
 
     Parameters
     ----------
     height : float
         Geometric height, m.
     base : tuple of 4 float
-        Of `layer`.
+        Data of the layer, from `layer`.
 
     Returns
     -------
@@ -131,17 +132,17 @@ def in_layer(height, base):
 
 @formula
 def density_in_layer(height, base):
-    """Density p M0 / (R* T) in a layer; eq (42).
+    """Density p M0 / (R* T) at a height in a known layer; eq (42).
 
-    With p of `in_layer` and T = T0 (1 + z), one exponential gives both, since ln(T / T0) = z (ln(1
-    + z) / z).
+    With p of `in_layer` and T = T0 (1 + z), a single exponential gives p / T, since ln(T / T0) = z
+    (ln(1 + z) / z).
 
     Parameters
     ----------
     height : float
         Geometric height, m.
     base : tuple of 4 float
-        Of `layer`.
+        Data of the layer, from `layer`.
 
     Returns
     -------
@@ -160,8 +161,8 @@ def density_in_layer(height, base):
 
 @formula
 def _log_temperature_ratio(height, base):
-    """Height h above the base of a layer, m'; relative change of temperature z = L h / T0; and ln(1
-    + z) / z.
+    """Return three numbers: the geopotential height h above the base of a layer, m'; the relative
+    change of temperature from the base, z = L h / T0; and ln(1 + z) / z.
 
     The pressure follows from -ln(p / p0) = (g M / R) h / T0 ln(1 + z) / z, with or without a lapse
     rate: eqs (33a) and (33b) in one. ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a
@@ -180,23 +181,23 @@ def _log_temperature_ratio(height, base):
 
 @formula
 def density_series(height, base):
-    """Power series of the density in the rise of geopotential height.
+    """Power series of the density about a height, in the rise H of geopotential height from there.
 
     With T = T_a + L H, (1 + b H) rho' = -(a + b) rho, a = g M / (R T_a), b = L / T_a: a recurrence
     for the coefficients, with or without a lapse rate. The error of nine terms is 1e-14 for a rise
-    of `NEAR` metres, and they cost far less than `density_in_layer`.
+    of `NEAR` metres. To evaluate them (`density_near`) costs far less than `density_in_layer`.
 
     Parameters
     ----------
     height : float
         Geometric height about which to expand, m.
     base : tuple of 4 float
-        Of `layer`.
+        Data of the layer that contains it, from `layer`.
 
     Returns
     -------
     tuple of 9 float
-        Coefficients, kg/m3/m'^k.
+        Coefficients c_k, kg/m3/m'^k: the density is the sum of c_k H^k.
     """
     temperature_ratio = 1.0 / (1.0 + base[1] * (geopotential(height) - base[0]))
     a, b = G0 * M0 / R_STAR * base[2] * temperature_ratio, base[1] * temperature_ratio
@@ -214,28 +215,28 @@ def density_series(height, base):
 
 @formula
 def density_near(c, rise):
-    """Density, kg/m3: the power series ``c`` of `density_series` at a rise of geopotential height,
-    m', from the height that it was expanded about."""
+    """Density, kg/m3, from its power series ``c`` (`density_series`), at a ``rise`` of geopotential
+    height, m', from the height about which the series is."""
     tail = c[5] + rise * (c[6] + rise * (c[7] + rise * c[8]))
     return c[0] + rise * (c[1] + rise * (c[2] + rise * (c[3] + rise * (c[4] + rise * tail))))
 
 
 @formula
 def geopotential_rise(rise, fraction, ratio):
-    """Rise of geopotential height for a rise in height.
+    """Rise of geopotential height for a rise of geometric height that starts at the height h.
 
     Parameters
     ----------
     rise : float
-        Rise in geometric height, m.
+        Rise of geometric height, m.
     fraction : float
-        Rise over the distance R0 + h to the earth's centre.
+        ``rise`` divided by the distance R0 + h from the earth's centre.
     ratio : float
         R0 / (R0 + h).
 
     Returns
     -------
     float
-        m'; relative error 1e-16 for a rise of `NEAR` metres.
+        Rise of geopotential height, m'; relative error 1e-16 for a rise of `NEAR` metres.
     """
     return ratio * ratio * rise * (1.0 - fraction * (1.0 - fraction * (1.0 - fraction)))

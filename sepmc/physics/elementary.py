@@ -19,8 +19,8 @@ _TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def power_of_two(k: float) -> float:
-    """2^k for an integer k of -1022 to 1023, given as a float; NaN for NaN. Compiled code shifts
-    bits (`sepmc.translator.operations`)."""
+    """Return 2^k for a whole number k from -1022 to 1023, given as a float; NaN for NaN. Compiled
+    code computes it by shifting bits (`sepmc.translator.operations`)."""
     return (
         math.nan
         if math.isnan(k)
@@ -56,8 +56,8 @@ def exponential(x):
 
 @formula
 def _arctan_series(z):
-    """Polynomial of (arctan(u) / u - 1) / u^2 for z = u^2 in 0 to tan(pi / 8)^2, interpolated at
-    the Chebyshev points; error 5e-18."""
+    """Polynomial that approximates (arctan(u) / u - 1) / u^2, for z = u^2 from 0 to tan(pi / 8)^2;
+    it interpolates at the Chebyshev points, with an error of 5e-18."""
     p = 0.03923044778479309 - z * 0.019175404711104935
     p = 0.05858140904866328 + z * (-0.050854078345894844 + z * p)
     p = 0.07692183125376892 + z * (-0.06664510525508936 + z * p)
@@ -100,10 +100,11 @@ def arctan2_of_two(y, x, v, u):
 
 @formula
 def _ratio(y, x):
-    """Ratio of the smaller to the larger of |x|, |y|, reduced below tan(pi / 8) by arctan(t) = pi /
-    4 + arctan((t - 1) / (t + 1)).
+    """Ratio of the smaller to the larger of |x|, |y|. If it exceeds tan(pi / 8), it is reduced by
+    arctan(t) = pi / 4 + arctan((t - 1) / (t + 1)).
 
-    Returns numerator; denominator; True if reduced; True if |y| is larger.
+    Returns four values: the numerator and the denominator of the ratio; True if it was reduced;
+    True if |y| is larger than |x|.
     """
     ax, ay = abs(x), abs(y)
     steep = ay > ax
@@ -116,8 +117,8 @@ def _ratio(y, x):
 
 @formula
 def _angle(u, high, steep, y, x):
-    """Angle of the point (x, y), rad, from the reduced ratio ``u`` of its coordinates, and
-    ``high``, ``steep`` of `_ratio`."""
+    """Angle of the point (x, y), rad, -pi to pi, from the results of `_ratio`: ``u`` is the
+    quotient of the first two, ``high`` and ``steep`` are the others."""
     angle = u + u * (u * u) * _arctan_series(u * u)
     angle = 0.25 * math.pi + angle if high else angle
     angle = 0.5 * math.pi - angle if steep else angle

@@ -27,18 +27,18 @@ def inverse_square(surface, height):
 
 @formula
 def inverse_square_near(acceleration, fraction):
-    """Acceleration after a small rise: the series of g / (1 + s)^2 to s^3.
+    """Acceleration after a small rise from the height h: the series of g / (1 + s)^2 to s^3.
 
     Parameters
     ----------
     acceleration : float
-        g at the height before the rise, m/s2.
+        g at the height h, m/s2.
     fraction : float
-        s, rise over the distance R0 + h to the earth's centre.
+        s, rise divided by the distance R0 + h from the earth's centre.
 
     Returns
     -------
     float
-        m/s2; relative error 1e-16 for a rise of `atmosphere.NEAR` metres.
+        Downward, m/s2; relative error 1e-16 for a rise of `atmosphere.NEAR` metres.
     """
     return acceleration * (1.0 - fraction * (2.0 - fraction * (3.0 - 4.0 * fraction)))

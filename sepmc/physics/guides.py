@@ -9,15 +9,17 @@ from sepmc.physics.elementary import sine_cosine
 
 @formula
 def bearing_forces(force, moment, engaged, toward):
-    """Lateral forces on all pins together at the hole entry and at the pin tips.
+    """Lateral forces that all pins together exert on the second body, at the hole entry and at the
+    pin tips.
 
-    N = F / 2 -+ (M x u) / engaged, u = toward x: force and moment balance about the middle of the
-    engaged length.
+    N = F / 2 -+ (M x u) / engaged (- at the entry, + at the tips), u = toward x. This is the
+    balance of forces, and of moments about the middle of the engaged length.
 
     Parameters
     ----------
     force, moment : tuple of 3 float
-        On the second body at its joint point (the hole entry), joint axes, N and N m.
+        Force and moment of the joint on the second body at its joint point (the hole entry), joint
+        axes, N and N m.
     engaged : float
         Length of pin in the hole, m, > 0.
     toward : float
@@ -38,8 +40,11 @@ def bearing_forces(force, moment, engaged, toward):
 
 @formula
 def around_circle(pin, pins, circle, clock):
-    """Force on one pin at either end for a torsion of 1 N m: equal forces around the circle of
-    pins, half at the hole entries, half at the tips.
+    """Lateral force of one pin at one of its ends (hole entry or tip) for a torsion of 1 N m about
+    the joint's x axis.
+
+    All pins carry equal forces, tangential to the circle on which they stand: half at the hole
+    entries, half at the tips.
 
     Parameters
     ----------
@@ -48,7 +53,7 @@ def around_circle(pin, pins, circle, clock):
     circle : float
         Radius of the circle of pins, m; 0: no torsion is carried.
     clock : float
-        Angle of pin 0, rad.
+        Angle of pin 0 from the joint's y axis toward z, rad.
 
     Returns
     -------
@@ -62,17 +67,18 @@ def around_circle(pin, pins, circle, clock):
 
 @formula
 def pin_force(end, torsion, around, pins):
-    """Lateral force of one pin at an end: end / pins + torsion around.
+    """Lateral force of one pin at one of its ends (hole entry or tip): end / pins + torsion around.
 
     Parameters
     ----------
     end : tuple of 2 float
-        Force on all pins at that end, of `bearing_forces`, N.
+        Force of all pins together at that end, from `bearing_forces`, N.
     torsion : float
-        N m.
+        Moment of the joint about its x axis, N m.
     around : tuple of 2 float
-        Of `around_circle`, N per N m.
+        Force of this pin for a torsion of 1 N m, from `around_circle`, N per N m.
     pins : int
+        Number of pins.
 
     Returns
     -------

@@ -6,9 +6,9 @@ d = r_B - r_A, e and b fixed in A, a fixed in B; all vectors, omega too, in grou
     rotation     C = a . b,  n = a x b
     rod          C = |d| - L,  e = d / |d|
 
-Paper eqs (16), (17), differentiated with every term kept. Checked against finite differences of C
-in `tests/kernel/test_joints.py`. Vectors are tuples of 3 float: positions and arms in m, velocities
-in m/s, angular rates in rad/s.
+These are eqs (16), (17) of the paper that README cites, differentiated with every term kept.
+Checked against finite differences of C in `tests/kernel/test_joints.py`. Vectors are tuples of 3
+float: positions and arms in m, velocities in m/s, angular rates in rad/s.
 """
 
 import math
@@ -19,7 +19,8 @@ from sepmc.physics import vec3
 
 @formula
 def across(e, y):
-    """Unit vector normal to a unit vector ``e`` and nearest to ``y``; not finite if y is along e.
+    """Unit vector that is normal to the unit vector ``e`` and, among those, nearest to ``y``; not
+    finite if y is along e.
 
     With e the x axis of a joint it is the y axis of the joint. Checked against
     `sepmc.scene.kinds.joint_axes`.
@@ -59,7 +60,7 @@ def between(x_a, v_a, rho_a, omega_a, x_b, v_b, rho_b, omega_b):
 
 @formula
 def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
-    """Row of a translation constraint.
+    """Row of a translation constraint: the vectors and the number in its second derivative
 
     C'' = e . (x_B'' - x_A'') + arm_B . omega_B' + arm_A . omega_A' - gamma, with arm_B = rho_B x e,
     arm_A = -(rho_A + d) x e.
@@ -67,9 +68,9 @@ def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
     Parameters
     ----------
     d, d_rate : tuple of 3 float
-        Of `between`.
+        Vector between the joint points and its rate, from `between`.
     e : tuple of 3 float
-        Unit vector fixed in A.
+        Unit vector fixed in A: direction of the translation.
     rho_a, rho_b, omega_a, omega_b : tuple of 3 float
         As in `between`.
 
@@ -96,7 +97,8 @@ def translation_rate(d, d_rate, e, omega_a):
 
 @formula
 def rotation(a, b, omega_a, omega_b):
-    """Row of a rotation constraint: C'' = n . (omega_B' - omega_A') - gamma, n = a x b.
+    """Row of a rotation constraint: the vector n = a x b and the number gamma in its second
+    derivative C'' = n . (omega_B' - omega_A') - gamma.
 
     Parameters
     ----------
@@ -129,7 +131,8 @@ def rotation_rate(a, b, omega_a, omega_b):
 
 @formula
 def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
-    """Row of a rod, with C'' as for `translation`; not finite if its length is zero.
+    """Row of a rod: direction, arms and gamma in its second derivative C'', which has the form
+    given in `translation`. They are not finite if the length of the rod is zero.
 
     Parameters
     ----------
@@ -139,7 +142,7 @@ def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
     Returns
     -------
     e : tuple of 3 float
-        Direction of the rod.
+        Unit vector along the rod, from A to B.
     arm_a, arm_b : tuple of 3 float
         m.
     gamma : float

@@ -1,9 +1,9 @@
-"""Distances between the outlines of two bodies, all in one frame and in metres.
+"""Distances between parts of the outlines of two bodies, all in one frame and in metres.
 
 A part is a solid cone frustum, the tuple (start, axis, length, r0, r1): centre of one end, unit
-vector to the other end, distance between the ends, radius at the start and at the other end. Length
-zero is a disc; with radii zero, too, a point. A shell is the inner wall of a hollow frustum, given
-by the same tuple.
+vector to the other end, distance between the ends, radius at the start and at the other end. A part
+of length zero is a disc; if its radii are zero, too, it is a point. A shell is the inner wall of a
+hollow frustum, given by the same tuple.
 
 Gilbert, Johnson, Keerthi, IEEE J. Robotics and Automation 4 (1988) 193-203 (GJK): the difference of
 two convex bodies is convex, and their distance is that of the origin from it. Only the furthest
@@ -32,7 +32,7 @@ _ROUNDS = 150  # 50 near contact; the best so far is returned at this limit
 
 @long_formula
 def gap(a, b):
-    """Distance between two parts.
+    """Distance between two solid parts, and their nearest points.
 
     Accurate to 1e-12 of itself; for parts of metres in near contact to 1e-9 m (999 of 1000 random
     pairs; worst of 400,000: 1.3e-6 m). Checked against closed forms, planes that separate the
@@ -97,10 +97,11 @@ def gap(a, b):
 
 @formula
 def gap_bound(a, b):
-    """Lower bound of the distance of two parts (start, axis, length, r0, r1), m, far cheaper than
-    `gap`; it may be negative.
+    """Lower bound of the distance of two solid parts (start, axis, length, r0, r1), m, far cheaper
+    than `gap`; it may be negative.
 
-    The distance of the axes minus the largest radii, or of the ends along the axis of either part.
+    It is the largest of three bounds: the distance of both axes minus the largest radius of each
+    part, and the distances by which either part lies beyond the ends of the other (`_beyond`).
     Nearest points a + s d1, b + t d2 of two segments: Ericson, Real-Time Collision Detection,
     5.1.9.
     """
@@ -118,8 +119,8 @@ def gap_bound(a, b):
 
 @formula
 def _beyond(a, b):
-    """Distance of part b beyond the ends of part a along the axis of a, m; negative if they overlap
-    along that axis."""
+    """Distance by which part b lies beyond the ends of part a, along the axis of a, m; negative if
+    both overlap along that axis."""
     first, cosine = dot(sub(b[0], a[0]), a[1]), dot(a[1], b[1])
     last, sine = first + cosine * b[2], math.sqrt(max(0.0, 1.0 - cosine * cosine))
     low, high = (
@@ -131,7 +132,8 @@ def _beyond(a, b):
 
 @formula
 def _limited_ratio(numerator, denominator, threshold):
-    """Ratio limited to the range 0 to 1; 0 if the denominator is not above a threshold."""
+    """Quotient of two numbers, limited to the range 0 to 1; 0 unless the denominator exceeds
+    ``threshold``."""
     if not denominator > threshold:
         return 0.0
     ratio = numerator / denominator
@@ -140,7 +142,7 @@ def _limited_ratio(numerator, denominator, threshold):
 
 @long_formula
 def inside_gap(point, shell):
-    """Signed distance of a point from the inner wall of a hollow frustum.
+    """Signed distance of a point from a shell (the inner wall of a hollow frustum).
 
     Parameters
     ----------
@@ -152,9 +154,9 @@ def inside_gap(point, shell):
     Returns
     -------
     distance : float
-        m; infinite before or beyond the ends. Inside positive. Outside by up to `THROUGH` (a
-        tenth) of the radius, the point has passed the wall: negative. Further out it is beside the
-        shell: positive.
+        m. Positive inside. Negative outside by up to `THROUGH` (a tenth) of the radius, where the
+        point has passed the wall. Positive further out, where it is beside the shell. Infinite
+        before the start and beyond the other end.
     nearest : tuple of 3 float
         Nearest point of the wall, m.
     """
@@ -170,8 +172,8 @@ def inside_gap(point, shell):
 
 @long_formula
 def wall_gap(point, shell):
-    """Unsigned distance of a point from the wall of a shell (start, axis, length, r0, r1), m, and
-    the nearest point of the wall; for points on either side and beyond the ends, too."""
+    """Return the unsigned distance of a point from the wall of a shell (start, axis, length, r0,
+    r1), m, and the nearest point of the wall. The point may be inside, outside or beyond an end."""
     start, axis, length, r0, r1 = shell
     along, across = split(sub(point, start), axis)
     rho = math.sqrt(dot(across, across))
@@ -189,7 +191,8 @@ def wall_gap(point, shell):
 
 @routine
 def _furthest(part, d):
-    """Furthest point of a part in direction d (of any length): the support function of GJK."""
+    """Point of a solid part that is furthest in the direction of the vector d, of any length: the
+    support function of GJK."""
     start, axis, length, r0, r1 = part
     along, across = split(d, axis)
     s = math.sqrt(dot(across, across))
@@ -204,7 +207,7 @@ def _furthest(part, d):
 
 @routine
 def any_normal(axis):
-    """A unit vector normal to a unit vector."""
+    """Some unit vector normal to the unit vector ``axis``."""
     x, y, z = axis
     if abs(x) < 0.6:
         return scale(1.0 / math.sqrt(y * y + z * z), (0.0, -z, y))
@@ -221,12 +224,12 @@ def _is_known(part):
 
 @routine
 def _nearest(n, e1, e2, e3, tiny):
-    """Point of a tetrahedron nearest to the origin: n + t1 e1 + t2 e2 + t3 e3, on a face, edge or
-    corner that contains n.
+    """Find the point n + t1 e1 + t2 e2 + t3 e3 of a tetrahedron (corner n, edges e1, e2, e3) that
+    is nearest to the origin, among the faces, edges and corner that contain n.
 
-    All of them are tested and the nearest point kept, so that flat tetrahedra and double corners
-    are safe. Returns True if the origin is inside, to ``tiny`` m; t1, t2, t3; and the direction
-    from the origin to the point.
+    All of these are tested and the nearest point is kept, so that flat tetrahedra and double
+    corners are safe. Returns True if the origin is inside, to ``tiny`` m; (t1, t2, t3); and the
+    vector from the origin to the point, or n if the origin is inside.
     """
     best = dot(n, n), (0.0, 0.0, 0.0), n
     t, v = _edge(n, e1)
@@ -255,8 +258,8 @@ def _nearest(n, e1, e2, e3, tiny):
 
 @routine
 def _better(best, t, v, n, e1, e2, e3):
-    """The best so far, (squared distance, t, v), or the same of the point n + t1 e1 + t2 e2 + t3 e3
-    if that is nearer to the origin; v has the direction of the point."""
+    """Return the nearer of two points to the origin, as (squared distance, t, v): ``best``, or the
+    point n + t1 e1 + t2 e2 + t3 e3, where v is a vector in the direction of that point."""
     point = _along(n, t, e1, e2, e3)
     square = dot(point, point)
     return (square, t, v) if square < best[0] else best
@@ -264,8 +267,8 @@ def _better(best, t, v, n, e1, e2, e3):
 
 @routine
 def _edge(n, e):
-    """Projection of the origin on the edge from n: its fraction of the edge (0 if outside), and the
-    direction of the point."""
+    """Project the origin on the edge from n to n + e. Returns the fraction of the edge at which the
+    projection lies, and the vector to it; 0 and n if it is not between the ends."""
     g, h = dot(e, e), -dot(n, e)
     if 0.0 < h < g:
         v = add(n, scale(h / g, e))
@@ -275,11 +278,12 @@ def _edge(n, e):
 
 @routine
 def _triangle(n, e1, e2):
-    """Projection of the origin on the triangle at n: its fractions of the two edges (0, 0 if
-    outside), and the direction of the point.
+    """Project the origin on the triangle with the corner n and the edges e1, e2. Returns the
+    fractions s, t of the edges (the projection is n + s e1 + t e2) and the vector to the
+    projection; 0, 0 and n if it is not within the triangle.
 
-    By the normal: on the thin triangles of curved rims, products of edges lose twice the digits,
-    and the point itself is too short to give the direction well.
+    They follow from the normal: on the thin triangles of curved rims, products of edges lose twice
+    the digits, and n + s e1 + t e2 is too short to give the direction well.
     """
     normal = cross(e1, sub(e2, e1))
     square = dot(normal, normal)
@@ -291,9 +295,12 @@ def _triangle(n, e1, e2):
 
 @routine
 def _origin_within(n, e1, e2, e3, tiny):
-    """Test if a tetrahedron (corner n, edges e1, e2, e3) contains the origin. Returns the answer,
-    and the fractions of the edges at the origin, by Cramer's rule. Flat tetrahedra, in which these
-    miss the origin by more than ``tiny`` m, count as not containing it."""
+    """Test whether a tetrahedron (corner n, edges e1, e2, e3) contains the origin.
+
+    Returns the answer and the fractions (t1, t2, t3) with n + t1 e1 + t2 e2 + t3 e3 = 0, by
+    Cramer's rule. A flat tetrahedron, whose fractions miss the origin by more than ``tiny`` m by
+    round-off, counts as not containing it.
+    """
     c = cross(e2, e3)
     det = dot(e1, c)
     if det != 0.0:
@@ -306,5 +313,5 @@ def _origin_within(n, e1, e2, e3, tiny):
 
 @routine
 def _along(n, t, e1, e2, e3):
-    """n + t1 e1 + t2 e2 + t3 e3."""
+    """Return the vector n + t1 e1 + t2 e2 + t3 e3."""
     return add(n, add(scale(t[0], e1), add(scale(t[1], e2), scale(t[2], e3))))

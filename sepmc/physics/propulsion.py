@@ -1,4 +1,4 @@
-"""Thrust of a motor and its line of action; paper section 1.3. Checked in
+"""Thrust of a motor and its line of action; section 1.3 of the paper that README cites. Checked in
 `tests/acceptance/test_conventions.py`."""
 
 from sepmc.jit import formula
@@ -80,7 +80,7 @@ def building_up(thrust, rate, since):
 
 @formula
 def tail_off(since, time_constant):
-    """Fraction exp(-t / tau) of the thrust at burn-out.
+    """Thrust during the tail-off as a fraction of the thrust at burn-out: exp(-t / tau).
 
     Parameters
     ----------

@@ -10,8 +10,9 @@ from sepmc.physics.elementary import arctan2, sine_cosine
 
 @formula
 def matrix(q):
-    """Attitude matrix (body to ground, 9-tuple by rows) of a quaternion (scalar first). It is
-    orthogonal for any length of the quaternion: within a step the length is not quite 1."""
+    """Attitude matrix (body to ground, 9-tuple by rows) of a quaternion (scalar first). The
+    quaternion may have any length, as within a step its length is not quite 1; the matrix is
+    orthogonal for all."""
     w, x, y, z = q
     two = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -80,7 +81,7 @@ def angles(m):
     """Pitch, yaw and roll, rad, of an attitude matrix (9-tuple by rows); singular at yaw = +-90
     deg.
 
-    Eq (7) of the paper gives their rates.
+    Eq (7) of the paper that README cites gives their rates.
     """
     return pitch(m), yaw(m), roll(m)
 
@@ -107,11 +108,12 @@ _THROUGH = 1e-9
 
 @formula
 def may_wind(u, v, deviation):
-    """Return True if a plane path from u to v comes so close to the origin that it may pass it on
+    """Return True if a path in the plane from u to v, known only roughly, may pass the origin on
     either side.
 
-    The change of its angle about the origin is then known only up to a full turn. A straight line
-    through the origin itself (to 1e-9) gives False.
+    That is so if the straight line from u to v comes closer to the origin than ``deviation``. The
+    change of the path's angle about the origin is then known only up to a full turn. If the line
+    passes through the origin itself (to 1e-9), the answer is False.
 
     Parameters
     ----------
@@ -149,11 +151,11 @@ def heading(m):
 
 @formula
 def turns_unclear(u, v, rate_u, rate_v, h):
-    """Return True if pitch or roll may have changed by a full turn more or less in a step.
+    """Return True if it is not certain by how many full turns pitch or roll changed in a step.
 
-    The x axis then passed close to the singular direction. The pairs of `heading` move on smooth
-    paths, which deviate from a straight line by at most h^2 / 8 times their second derivative;
-    twice that counts.
+    The body's x axis then passed close to the singular direction (yaw +-90 deg). The two pairs of
+    `heading` move on smooth paths in the plane, which deviate from a straight line by at most h^2 /
+    8 times their second derivative; twice that is allowed for (`may_wind`).
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
-"""Smallest distance from the rim of a solid to the inside of a shell, all in one frame and in
-metres.
+"""Smallest distance from the rim of a solid (the circle around an end face) to the inside of a
+shell, all in one frame and in metres.
 
-A rim is the tuple (centre, normal, radius), a shell that of `outlines`. In a view along the axis of
-the shell the rim is an ellipse. With z along the axis, y along the common line of rim plane and
-cross section, and phi the angle on the rim from its largest z,
+A rim is the tuple (centre, normal, radius); a shell is the tuple (start, axis, length, r0, r1) of
+`outlines`. In a view along the axis of the shell the rim is an ellipse. With z along the axis, y
+along the common line of rim plane and cross section, and phi the angle on the rim from its largest
+z,
 
     x = x0 + a cos phi,  y = y0 + r sin phi,  z = z0 + b cos phi,  a^2 + b^2 = r^2
 
@@ -34,9 +35,10 @@ _SHARP = 1e-10  # rad: its square is the error of a smooth minimum
 
 @long_formula
 def rim_gap(rim, shell, margin):
-    """Smallest `outlines.inside_gap` of the points of a rim.
+    """Smallest signed distance of the points of a rim from a shell, and the nearest points.
 
-    Checked against minimisation over the rim in steps of 0.01 deg.
+    The signed distance of a point is that of `outlines.inside_gap`. Checked against minimisation
+    over the rim in steps of 0.01 deg.
 
     Parameters
     ----------
@@ -45,16 +47,17 @@ def rim_gap(rim, shell, margin):
     shell : tuple
         (start, axis, length, r0, r1), length > 0.
     margin : float
-        0 for the distance. Above, m, for a bound: no point of the rim that moves by at most
-        ``margin`` comes nearer than the result minus ``margin``. The wall is then extended by
-        ``margin`` beyond both ends, and points up to ``margin`` beyond it count as passed.
+        0 for the distance itself. A value above 0, m, for a bound: if all points of the rim move by
+        at most ``margin``, none comes nearer than the result minus ``margin``. The wall is then
+        extended by ``margin`` beyond both ends, and the range outside of it in which points count
+        as passed by ``margin``, too.
 
     Returns
     -------
     distance : float
         m; infinite if no point of the rim lies between the ends, NaN if a number is NaN.
     on_rim, on_wall : tuple of 3 float
-        Nearest points.
+        Nearest points of the rim and of the wall, m.
     """
     noinline()
     centre, normal, radius = rim
@@ -89,9 +92,11 @@ def rim_gap(rim, shell, margin):
 
 @routine
 def axes(normal, axis):
-    """Axes in which a rim is seen along the axis of a shell: unit vectors e (x) and v (y) across
-    that axis, v in the plane of the rim. Also the sine and cosine of the angle between the normal
-    of the rim and the axis. Returns (e, v, sine, cosine)."""
+    """Axes for the view of a rim along the axis of a shell (or of a part).
+
+    Returns (e, v, sine, cosine): the unit vectors e (x) and v (y) across the axis, v in the plane
+    of the rim; and the sine and cosine of the angle between the normal of the rim and the axis.
+    """
     v = cross(normal, axis)
     sine, cosine = math.sqrt(dot(v, v)), dot(normal, axis)
     if sine > 1e-14:
@@ -104,8 +109,9 @@ def axes(normal, axis):
 
 @routine
 def _arc(z0, b, length, margin):
-    """Range (low, high) of angles, in 0 to pi, in which a rim with z = z0 + b cos(angle) lies
-    between the ends of a shell, extended by ``margin`` m; low > high if there is none."""
+    """Range (low, high) of angles, rad, from 0 to pi, in which a rim with z = z0 + b cos(angle)
+    lies between the ends of a shell: -margin <= z <= length + margin. low > high if there is
+    none."""
     highest, lowest = length + margin - z0, -margin - z0
     if not (highest >= -b and lowest <= b):
         return 1.0, 0.0
@@ -119,11 +125,11 @@ def _arc(z0, b, length, margin):
 
 @routine
 def rim_point(angle, side, ellipse):
-    """Point of a rim at an angle, rad, and its distance rho from the axis of the shell: (x, y, z,
-    rho), m.
+    """Point of a rim at an angle, rad: its coordinates and its distance rho from the axis of the
+    shell, (x, y, z, rho), m, with z along the axis.
 
-    ``ellipse`` is (x0, y0, z0, a, r, b): x = x0 + a cos, y = y0 + side r sin, z = z0 + b cos, z
-    along the axis. ``side`` 1 or -1 is the half of the rim.
+    ``ellipse`` is (x0, y0, z0, a, r, b) in x = x0 + a cos, y = y0 + side r sin, z = z0 + b cos.
+    With ``side`` 1 or -1, angles from 0 to pi cover one half of the rim or the other.
     """
     x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)
@@ -133,8 +139,8 @@ def rim_point(angle, side, ellipse):
 
 @routine
 def _summit(ellipse, slope, low, high):
-    """Angle between ``low`` and ``high`` at which rho - slope z of `rim_point` is largest: a root
-    of its derivative, by Newton's method with a bracket, or an end."""
+    """Angle between ``low`` and ``high``, rad, at which rho - slope z of `rim_point` (side 1) is
+    largest: a root of its derivative, by Newton's method with a bracket, or an end."""
     x0, y0, _, a, r, b = ellipse
     mb = slope * b
     angle = arctan2(r * y0, a * x0 - mb * r)  # the root without the tilt of the rim
@@ -169,8 +175,9 @@ def _summit(ellipse, slope, low, high):
 
 @routine
 def steepest(ellipse, slope):
-    """Angle at which rho - slope z of `rim_point` is largest on the half of a rim with sin phi >=
-    0. Where y0 < 0, its local maximum, or any angle if there is none.
+    """Angle, rad, from 0 to pi, at which rho - slope z of `rim_point` (side 1) has its maximum on
+    this half of a rim. If y0 < 0 in the ``ellipse``, it is a local maximum inside the half, or any
+    angle if there is none.
 
     With y0 < 0, J / sin phi falls only where sin^3 phi > r |y0| / ((1 + m^2) b^2).
     """
@@ -187,13 +194,17 @@ def steepest(ellipse, slope):
 
 @routine
 def _signed(angle, side, ellipse, wall):
-    """Signed distance (`outlines.inside_gap`) of a point of a rim from the wall of a shell.
+    """Signed distance (as in `outlines.inside_gap`) of a point of a rim from the wall of a shell.
 
-    ``angle``, ``side``, ``ellipse`` as in `rim_point`; ``wall`` is (r0, slope, length, margin).
-    Returns the distance; the foot on the wall, along the axis; the excess outside the wall over the
-    range that counts as passed (above 0: the point is beside the shell); and True if no other point
-    of its arc can be nearer, provided that this one is nearest to the line of the wall and not
-    beside.
+    ``angle``, ``side``, ``ellipse`` as in `rim_point`; ``wall`` is (r0, slope, length, margin), the
+    last as in `rim_gap`. Returns four values:
+
+    - the distance, m;
+    - the coordinate along the axis of the nearest point of the wall, m;
+    - the excess, m: how far the point is outside the range that counts as passed, so above 0 where
+      the point is beside the shell;
+    - True if no other point of the rim's arc can be nearer, given that this one has the largest rho
+      - slope z and is not beside the shell.
     """
     _, _, z, rho = rim_point(angle, side, ellipse)
     r0, slope, length, margin = wall
@@ -216,11 +227,12 @@ def _signed(angle, side, ellipse, wall):
 
 @routine
 def _search(ellipse, wall, low, high, summit):
-    """Angle and side (`rim_point`) of the point of a rim that is nearest to a wall, where the
-    ``summit`` need not be it: an edge of the shell is nearest, or some of the rim has passed the
-    wall or is beside it.
+    """Search the angle and the side (`rim_point`) of the point of a rim that is nearest to a wall,
+    between the angles ``low`` and ``high`` of both sides.
 
-    Every local minimum over equidistant points of the arc is refined, and the angles at which the
+    It is used where this need not be the ``summit`` (the angle of the largest rho - slope z): an
+    edge of the shell may be nearest, or some of the rim has passed the wall or is beside it. Among
+    equidistant points of the arc every local minimum is refined, and so is every angle at which the
     rim changes between passed and beside.
     """
     noinline()
@@ -260,9 +272,12 @@ def _search(ellipse, wall, low, high, summit):
 
 @routine
 def _border(ellipse, wall, side, a, excess_a, b, excess_b):
-    """Last angle at which a rim is not beside the wall, between angles a and b of which it is
-    beside at one; ``excess_a``, ``excess_b`` are the excesses of `_signed` there. Illinois method,
-    to round-off."""
+    """Angle at which a rim changes between beside the wall and not beside it, to round-off; the
+    result is on the side where it is not.
+
+    It lies between the angles ``a`` and ``b``, at one of which the rim is beside; ``excess_a`` and
+    ``excess_b`` are the excesses of `_signed` there. Illinois method.
+    """
     if excess_a > 0.0:
         a, excess_a, b, excess_b = b, excess_b, a, excess_a
     last = 0
@@ -286,8 +301,9 @@ def _border(ellipse, wall, side, a, excess_a, b, excess_b):
 
 @routine
 def _narrow(ellipse, wall, side, low, high, angle, best):
-    """Smallest distance of `_signed` between two angles, and its angle: Brent's method (parabolas,
-    with golden section as a fallback) from an ``angle`` with the distance ``best``."""
+    """Return a minimum of the signed distance (`_signed`) between the angles ``low`` and ``high``,
+    and its angle: Brent's method (parabolas, with golden section as a fallback), which starts at
+    ``angle`` with the distance ``best``."""
     noinline()
     second, third, value2, value3 = angle, angle, best, best  # second and third best so far
     step = last = 0.0

@@ -2,9 +2,9 @@
 
 A sector is the lateral surface of a cone frustum between two angles about its axis, without end
 faces: a thin wall with two sides, such as half of a fairing. It is the tuple (start, axis, length,
-r0, r1, x, y, width): a part (`outlines`); unit vectors from the axis towards its first straight
-edge and, at right angles, the way that the angle grows; and the angle between both edges, at most
-2 pi.
+r0, r1, x, y, width): a part (`outlines`); the unit vector x from the axis towards its first
+straight edge; the unit vector y at right angles to x, in the direction in which the angle grows;
+and the angle from the first edge to the second, at most 2 pi.
 
 The nearest points p of the sector and q of a solid that does not touch it are of one of four kinds:
 
@@ -39,7 +39,7 @@ _SHARE = 0.5  # of the result: a line that is about as near proves that the face
 
 @long_formula
 def sector_gap(sector, part):
-    """Distance of a sector from a solid part.
+    """Distance of a sector from a solid part, and their nearest points.
 
     Checked against fine scans of the sector in `tests/physics/test_sectors.py`.
 
@@ -96,8 +96,8 @@ def sector_gap(sector, part):
 
 @long_formula
 def point_gap(point, sector):
-    """Distance of a point from a sector (start, axis, length, r0, r1, x, y, width), m, and the
-    nearest point of the sector."""
+    """Return the distance of a point from a sector (start, axis, length, r0, r1, x, y, width), m,
+    and the nearest point of the sector."""
     start, axis, length, r0, r1, x, y, width = sector
     from_axis = sub(point, start)
     angle = arctan2(dot(from_axis, y), dot(from_axis, x))
@@ -114,8 +114,9 @@ def point_gap(point, sector):
 
 @routine
 def _nearer(best, p, q, point, sector):
-    """Nearer of two pairs of points, as (distance, on the sector, on the solid): the best so far,
-    (best, p, q), or a ``point`` of the solid with the point of the sector nearest to it."""
+    """Return the nearer of two pairs of points, as (distance, point of the sector, point of the
+    solid): the pair so far, (best, p, q), or ``point``, a point of the solid, with the point of the
+    sector nearest to it."""
     distance, on_sector = point_gap(point, sector)
     if distance < best:
         return distance, on_sector, point
@@ -124,7 +125,8 @@ def _nearer(best, p, q, point, sector):
 
 @routine
 def _line(sector, angle):
-    """Straight line of a sector at an angle from its first edge, as a part without radius."""
+    """Return the straight line on the surface of a sector at an ``angle``, rad, from its first
+    edge, as a part of `outlines` with radii 0."""
     start, axis, length, r0, r1, x, y, _ = sector
     s, c = sine_cosine(angle)
     outward = add(scale(c, x), scale(s, y))
@@ -135,8 +137,8 @@ def _line(sector, angle):
 
 @routine
 def _line_gap(point, line):
-    """Distance of a point from a straight ``line`` between two ends (a part of `outlines`, whose
-    radii are ignored), m, and the nearest point of the line."""
+    """Return the distance of a point from a straight ``line`` between two ends (a part of
+    `outlines`, whose radii are ignored), m, and the nearest point of the line."""
     start, axis, length, _, _ = line
     along = min(max(dot(sub(point, start), axis), 0.0), length)
     nearest = add(start, scale(along, axis))
@@ -146,9 +148,12 @@ def _line_gap(point, line):
 
 @routine
 def _highest(rim, shell, side):
-    """Point of a rim that is the highest over the wall of a shell, and its height rho - r0 - slope
-    z, m: on the half of the rim further from the axis (side 0), or the local maximum on the other
-    half (side 1; any point if there is none)."""
+    """Return the point of a rim that is highest over the wall of a shell, and its height rho - r0 -
+    slope z, m.
+
+    With ``side`` 0 it is the highest on the half of the rim further from the axis; with 1 it is a
+    local maximum on the other half, or any point if there is none.
+    """
     centre, normal, radius = rim
     start, axis, length, r0, r1 = shell
     e, v, sine, cosine = axes(normal, axis)
@@ -164,9 +169,12 @@ def _highest(rim, shell, side):
 
 @routine
 def _is_met(sector, part, distance):
-    """True if a solid part meets the face of a sector, given that the edges of the sector, and all
-    points of the solid that can be nearest to a face that it does not meet, are at least
-    ``distance`` m away. Straight lines of the face are compared: one that is nearer proves it."""
+    """Return True if a solid part meets the face of a sector.
+
+    ``distance``, m, is the result that `sector_gap` has if it does not: no point that can then be
+    nearest is closer. A straight line of the face that is clearly nearer to the solid therefore
+    proves that the face is met; lines all over the face are compared.
+    """
     noinline()
     radius, width, angle = max(sector[3], sector[4]), sector[7], 0.0
     for _ in range(_LINES):

@@ -1,13 +1,13 @@
 """Direction of the widest gap between two solid frustums, by Newton's method.
 
-The distance of two convex bodies is the largest width of a slab between them. Along a unit vector u
-from b to a that width is
+The distance of two convex bodies a and b is the largest width of a gap between two parallel planes
+that separate them. Along a unit vector u from b to a that width is
 
     g(u) = min over a of (u . p) - max over b of (u . q)
 
-and its gradient is p - q, of the points p and q that touch the slab. Where both are on rims (of
-radii r_a and r_b, r / s the radius over the sine of u to the axis, e the tangent of the rim), a
-step in u solves
+and its gradient is p - q, with the points p of a and q of b that touch the planes. Where both are
+on rims (of radii r_a and r_b; s is the sine of the angle of u to the axis, e the tangent of the
+rim), a Newton step in u solves
 
     (g + r_a / s_a e_a e_a' + r_b / s_b e_b e_b') du = (p - q) - g u
 
@@ -28,7 +28,7 @@ _FLAT = 1e-6  # sine to the axis of a body, below which all points of its end ar
 
 @long_formula
 def widest_gap(a, b, v, relative, round_off):
-    """Distance of two parts whose nearest points are on rims or sides.
+    """Distance of two solid parts whose nearest points are on rims or sides, and these points.
 
     Checked against `outlines.gap` without this method.
 
@@ -39,12 +39,13 @@ def widest_gap(a, b, v, relative, round_off):
     v : tuple of 3 float
         Approximate direction from b to a.
     relative, round_off : float
-        Tolerances: relative to the distance, and relative to the coordinates.
+        Tolerances of the distance: relative to itself, and relative to the coordinates.
 
     Returns
     -------
     distance : float
-        m; NaN without convergence: nearest points within ends, or on both sides, or overlap.
+        m; NaN if the method did not converge, as where the parts overlap, or where a nearest point
+        is within an end face, or both are on sides.
     p, q : tuple of 3 float
         Nearest points of a and b.
     """
@@ -101,10 +102,12 @@ def widest_gap(a, b, v, relative, round_off):
 
 @formula
 def _step(t, g, rim_a, rim_b, on_a, on_b):
-    """Newton step of the unit direction u for the gradient t normal to it, with the width g.
+    """Newton step (a vector) of the unit direction u, for the gradient ``t`` of the width ``g``; t
+    is normal to u.
 
-    ``rim_a``, ``rim_b``: (radius over the sine of u to the axis, tangent of the rim). The step is
-    along the tangent of the body to whose side u is kept normal (``on_a``, ``on_b``), else free.
+    ``rim_a`` and ``rim_b`` are (radius over the sine of u to the axis, tangent of the rim) of both
+    bodies. If u is kept normal to the side of a body (``on_a``, ``on_b``), the step is along the
+    tangent of that body, else in any direction.
     """
     (radius_a, e_a), (radius_b, e_b) = rim_a, rim_b
     along_a, along_b, c = dot(e_a, t), dot(e_b, t), dot(e_a, e_b)
@@ -120,8 +123,8 @@ def _step(t, g, rim_a, rim_b, on_a, on_b):
 
 @formula
 def _radial(part, d):
-    """Sine of the angle of a unit vector to the axis of a part, and its unit vector across the
-    axis."""
+    """Return the sine of the angle between the unit vector ``d`` and the axis of a part, and the
+    unit vector of d's component across the axis."""
     _, across = split(d, part[1])
     s = math.sqrt(dot(across, across))
     return s, scale(1.0 / s, across) if s > 0.0 else across
@@ -129,8 +132,9 @@ def _radial(part, d):
 
 @formula
 def _lean(part, d):
-    """Sine of the angle from the normal of a part's side to a unit vector: positive if the far rim
-    is the furthest in that direction."""
+    """Sine of the angle from the normal of a part's side to the unit vector ``d``: positive if the
+    rim at the far end (start + length axis) is furthest in the direction d, negative if the other
+    rim is."""
     along, rise = dot(d, part[1]), part[4] - part[3]
     s = math.sqrt(max(0.0, 1.0 - along * along))
     slant = _slant(part)
@@ -139,7 +143,8 @@ def _lean(part, d):
 
 @formula
 def _normal_to_side(part, d):
-    """Unit vector normal to the side of a part and nearest to d; d if it is along the axis."""
+    """Unit vector normal to the side of a part and nearest to the unit vector ``d``; d itself if it
+    is along the axis."""
     s, w = _radial(part, d)
     rise, slant = part[4] - part[3], _slant(part)
     if not s > _FLAT:
@@ -149,25 +154,26 @@ def _normal_to_side(part, d):
 
 @formula
 def _slant(part):
-    """Length of the side of a part in a plane through its axis."""
+    """Slant height of a part: length of its side in a plane through the axis, m."""
     return math.sqrt(part[2] * part[2] + (part[4] - part[3]) * (part[4] - part[3]))
 
 
 @formula
 def _radius(part, fraction):
-    """Radius of a part at a fraction of its length."""
+    """Radius of a part at a ``fraction`` of its length from the start, m."""
     return part[3] + fraction * (part[4] - part[3])
 
 
 @formula
 def _on_side(part, w, fraction):
-    """Point of a part's side in the direction w across the axis, at a fraction of its length."""
+    """Point of a part's side in the direction of the unit vector ``w`` across the axis, at a
+    ``fraction`` of its length."""
     return add(add(part[0], scale(fraction * part[2], part[1])), scale(_radius(part, fraction), w))
 
 
 @formula
 def _nearest_fraction(part, w, point):
-    """Fraction of the length at which the line on a part's side, in the direction w across the
-    axis, is nearest to a point."""
+    """Fraction of a part's length at which the straight line on its side, in the direction of the
+    unit vector ``w`` across the axis, is nearest to a point; below 0 or above 1 beyond its ends."""
     line = add(scale(part[2], part[1]), scale(part[4] - part[3], w))
     return dot(sub(point, _on_side(part, w, 0.0)), line) / dot(line, line)

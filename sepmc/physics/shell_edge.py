@@ -31,7 +31,7 @@ _DIPS = 16  # successive minima around the circle, each lower than the one befor
 
 @long_formula
 def edge_gap(edge, part):
-    """Distance of a circle from a solid part.
+    """Distance of the edge circle of a shell from a solid part, and the nearest points.
 
     Accurate to round-off, to 1e-9 of the radius in near contact, and to 3e-7 of it for two minima
     of nearly equal depth. Checked against a scan of the circle, and by hand.
@@ -84,15 +84,16 @@ def edge_gap(edge, part):
 
 @long_formula
 def arc_gap(arc, part, limit):
-    """Distance of an arc from a solid part, where it is below a limit.
+    """Distance of a circular arc from a solid part, and the nearest point of the arc, if the
+    distance is below a limit.
 
     Checked against a scan of the arc.
 
     Parameters
     ----------
     arc : tuple
-        (centre, x, y, radius, width): unit vectors from the centre to the first point of the arc
-        and, at right angles to that, in the direction in which the arc goes on; width in rad.
+        (centre, x, y, radius, width): x is the unit vector from the centre to the first point of
+        the arc, y the unit vector normal to x towards which the arc turns, width its angle, rad.
     part : tuple
         (start, axis, length, r0, r1).
     limit : float
@@ -103,7 +104,8 @@ def arc_gap(arc, part, limit):
     distance : float
         m; ``limit`` if no point of the arc is nearer, NaN if a number is NaN.
     angle : float
-        Of the nearest point from the first one, rad; 0 if none is nearer.
+        Angle of the nearest point from the first point of the arc, rad; 0 if no point is nearer
+        than ``limit``.
     """
     noinline()
     centre, x, y, radius, width = arc
@@ -174,9 +176,11 @@ def edge_gap_bound(edge, part):
 
 @routine
 def _distance(angle, ellipse, section):
-    """Distance of the point of a circle at an angle from a part, m, and its slope, m/rad.
+    """Return the distance of the point of a circle at an ``angle`` from a solid part, m, and the
+    derivative of the distance by the angle, m/rad.
 
-    ``ellipse`` as in `rims.rim_point`; ``section`` is (length, r0, r1) of the part.
+    ``ellipse`` describes the circle, as in `rims.rim_point`; ``section`` is (length, r0, r1) of the
+    part.
     """
     x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)
@@ -194,8 +198,9 @@ def _distance(angle, ellipse, section):
 
 @routine
 def _nearest(along, rho, length, r0, r1):
-    """Point of a part nearest to the point (along, rho), both as coordinates along the axis of the
-    part and across it, m: the part is a trapezoid in the half plane through its axis."""
+    """Return the point of a solid part nearest to the point (along, rho); both are coordinates
+    along the axis of the part and across it, m. In the half plane through its axis the part is a
+    trapezoid; a point inside of it is returned as it is."""
     rise = r1 - r0
     if 0.0 <= along <= length and (rho - r0) * length <= rise * along and rho <= max(r0, r1):
         return along, rho
@@ -213,8 +218,8 @@ def _nearest(along, rho, length, r0, r1):
 
 @routine
 def _bend(ellipse, section, distance):
-    """Bound D of the second derivative of the distance f by the angle: f'' >= -D, m/rad2, while the
-    distance is at least half of ``distance``.
+    """Return D, m/rad2, such that the second derivative of the distance f by the angle is f'' >= -D
+    wherever f is at least half of ``distance``.
 
     ``ellipse`` and ``section`` as in `_distance`.
 
@@ -243,8 +248,8 @@ def _bend(ellipse, section, distance):
 
 @routine
 def _descend(angle, distance, ellipse, section):
-    """Descend from a point of the circle at ``distance`` to a local minimum: its distance and
-    angle."""
+    """Descend along the circle from the point at ``angle``, whose distance from the part is
+    ``distance``, to a local minimum. Returns the distance there and its angle."""
     noinline()
     low, f_low, fall = angle, distance, _distance(angle, ellipse, section)[1]
     if fall == 0.0:
@@ -263,9 +268,13 @@ def _descend(angle, distance, ellipse, section):
 
 @routine
 def _narrow(low, f_low, fall, high, rise, ellipse, section):
-    """Smallest distance between two angles and its angle, by the root of the slope. From ``low``,
-    with the value ``f_low`` and the slope ``fall``, it falls towards ``high``, where it has the
-    slope ``rise`` (counted from ``low`` to ``high``) or is no smaller."""
+    """Return a minimum of the distance between the angles ``low`` and ``high``, and its angle: a
+    root of the slope.
+
+    ``high`` may be on either side of ``low``; slopes count from low to high. At low the distance is
+    ``f_low`` and its slope ``fall`` < 0; at high the slope is ``rise``, or the distance is no
+    smaller than at low.
+    """
     noinline()
     best, angle, last = f_low, low, 0
     sign = 1.0 if high > low else -1.0
@@ -293,9 +302,9 @@ def _narrow(low, f_low, fall, high, rise, ellipse, section):
 
 @routine
 def _sweep(sign, angle, best, ellipse, section):
-    """Search the half of a circle that begins at ``angle``, in the direction ``sign`` (1 or -1),
-    for a smaller distance than ``best``, which it has there. Returns the distance and its angle;
-    ``best`` and ``angle`` if none is smaller."""
+    """Search half of a circle for a smaller distance than ``best``, its distance at ``angle``. The
+    half begins at ``angle`` and goes in the direction ``sign`` (1 or -1). Returns the first smaller
+    distance and its angle; ``best`` and ``angle`` if there is none."""
     noinline()
     radius, bend = ellipse[4], _bend(ellipse, section, best)
     lowest, tolerance = best - _SAME * radius, best - 0.125 * bend * _FINEST * _FINEST
@@ -326,9 +335,10 @@ def _sweep(sign, angle, best, ellipse, section):
 
 @routine
 def _least(f0, slope0, f1, slope1, bend, step):
-    """Lower bound of a function in an interval of length ``step``, from its values and slopes at
-    both ends and its second derivative, which is at least -bend: the parabolas that fall from both
-    tangents intersect there."""
+    """Lower bound of a function in an interval of length ``step``, given its values and slopes at
+    the start (``f0``, ``slope0``) and at the end (``f1``, ``slope1``), if its second derivative is
+    at least -bend. Two parabolas with this second derivative, tangent to the function at either
+    end, bound it from below; the bound is their value where they intersect, or at an end."""
     denominator = slope0 - slope1 - bend * step
     if not denominator < 0.0:
         return min(f0, f1)

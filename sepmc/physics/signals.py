@@ -1,5 +1,5 @@
-"""Functions of formulas: NaN where they are undefined or too large, never an infinity, so that a
-case is not valid by a number that has no meaning."""
+"""Mathematical functions that formulas of a campaign file can call. Where a function is undefined
+or its argument too large, it gives NaN, so that no case is valid by a number without meaning."""
 
 import math
 
@@ -37,7 +37,7 @@ def root(x):
     Returns
     -------
     float
-        NaN below 0.
+        NaN if x is negative.
     """
     return math.sqrt(x if x >= 0.0 else math.nan)
 
@@ -53,7 +53,7 @@ def logarithm(x):
     Returns
     -------
     float
-        NaN from 0 down.
+        NaN if x is 0 or negative.
     """
     positive = x > 0.0
     value = math.log(x if positive else 1.0)
@@ -87,7 +87,7 @@ def power(x, y):
     Returns
     -------
     float
-        NaN for a negative base, for 0 to a negative power, and where it overflows.
+        NaN if x is negative, if x is 0 and y is negative, or if the power overflows.
     """
     is_zero = x == 0.0 and y >= 0.0
     exponent = y * math.log(x if x > 0.0 else 1.0)

@@ -4,7 +4,7 @@ R0 = 6_356_766.0  # m, earth radius of the geopotential
 G0 = 9.80665  # m/s2
 R_STAR = 8314.32  # J/(kmol K), as in the standard
 M0 = 28.9644  # kg/kmol
-TOP = 86_000.0  # m
+TOP = 86_000.0  # m, geometric height at which the standard ends here
 
 # base of each layer, m', and the top
 BASES = (0.0, 11_000.0, 20_000.0, 32_000.0, 47_000.0, 51_000.0, 71_000.0, R0 * TOP / (R0 + TOP))

@@ -43,8 +43,8 @@ def unit(a):
 
 @formula
 def perpendicular(a):
-    """Unit vector normal to a: along a x (axis of its smallest component); not finite if a is
-    zero."""
+    """Some unit vector normal to a: a x e, normalised, where e is the axis along which a has its
+    smallest component; not finite if a is zero."""
     x, y, z = abs(a[0]), abs(a[1]), abs(a[2])
     smallest_axis = (
         (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))
@@ -126,15 +126,16 @@ def is_positive_definite(m):
 
 @formula
 def get(w, k):
-    """Vector stored at w[k], w[k + 1], w[k + 2]."""
+    """Return the vector stored in w[k], w[k + 1], w[k + 2]."""
     return (w[k], w[k + 1], w[k + 2])
 
 
 @routine
 def split(d, axis):
-    """Component of d along a unit vector (a number), and the vector d without it.
+    """Split the vector d along the unit vector ``axis``. Returns its component along it (a number)
+    and the rest of d across it (a vector).
 
-    Projected twice, so that a short second result is normal to the axis, too.
+    The rest is projected twice, so that it is normal to the axis even if it is short.
     """
     along = dot(d, axis)
     across = sub(d, scale(along, axis))
@@ -143,11 +144,11 @@ def split(d, axis):
 
 @formula
 def put(w, k, a):
-    """Store a vector ``a`` at w[k], w[k + 1], w[k + 2]."""
+    """Store the vector ``a`` in w[k], w[k + 1], w[k + 2]."""
     w[k], w[k + 1], w[k + 2] = a
 
 
 @formula
 def get_matrix(w, k):
-    """Matrix stored at w[k] and the eight numbers after it."""
+    """Return the matrix, by rows, stored in w[k] and the eight numbers after it."""
     return (w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[k + 5], w[k + 6], w[k + 7], w[k + 8])

@@ -31,8 +31,8 @@ def inertia_tensor(factor, moments, products):
 
 @formula
 def arm(cg, point):
-    """Vector from a centre of mass to a point, body axes, m; both are given in layout coordinates,
-    m, whose stations run aft."""
+    """Vector from a centre of mass ``cg`` to a ``point``, body axes, m. Both are given in layout
+    coordinates (station, y, z), m, whose stations run aft, opposite to body x."""
     return (cg[0] - point[0], point[1] - cg[1], point[2] - cg[2])
 
 

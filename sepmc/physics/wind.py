@@ -6,7 +6,7 @@ from sepmc.physics.elementary import sine_cosine
 
 @formula
 def wind(speed, direction):
-    """Velocity of the air, ground axes.
+    """Velocity of the air over the ground, ground axes (x forward, y up, z right).
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
-"""Access to the arrays of a kernel. In plain Python these are in a list; compiled code gets address
-and sizes of each (`sepmc.translator.operations`)."""
+"""Access to the arrays that a kernel is called with. In plain Python they are items of a list;
+compiled code gets the address and the sizes of each (`sepmc.translator.operations`)."""
 
 from typing import Any
 
@@ -11,36 +11,36 @@ Arrays = Any
 
 
 def vector(a, k):
-    """Array k of the arguments ``a`` of a kernel, as a 1-D array of floats."""
+    """Return array k of the arguments ``a`` of a kernel, a 1-D array of floats."""
     return a[k]
 
 
 def indices(a, k):
-    """Array k of the arguments ``a`` of a kernel, as a 1-D array of integers."""
+    """Return array k of the arguments ``a`` of a kernel, a 1-D array of integers."""
     return a[k]
 
 
 def table(a, k):
-    """Array k of the arguments ``a`` of a kernel, as a 2-D array of floats."""
+    """Return array k of the arguments ``a`` of a kernel, a 2-D array of floats."""
     return a[k]
 
 
 def block(a, k):
-    """Array k of the arguments ``a`` of a kernel, as a 3-D array of floats."""
+    """Return array k of the arguments ``a`` of a kernel, a 3-D array of floats."""
     return a[k]
 
 
 def record(a, k):
-    """First record of array k of the arguments ``a`` of a kernel: an array of `layout.STRUCTURE`
-    records."""
+    """Return the first record of array k of the arguments ``a`` of a kernel, an array of records of
+    the type `layout.STRUCTURE`."""
     return a[k][0]
 
 
 @for_any_numbers
 @routine
 def get_column(w, offset, table, k, first):
-    """Copy LANES numbers from row k of a table, from column ``first`` on, to w[offset] and after
-    it; lanes beyond the last column get the number of that column."""
+    """Copy LANES numbers from row k of a table, columns ``first`` and following, to w[offset] and
+    following: one for each lane. Lanes beyond the last column get the number of the last column."""
     noinline()
     last = table.shape[1] - 1
     if first + LANES <= table.shape[1]:
@@ -54,8 +54,9 @@ def get_column(w, offset, table, k, first):
 @for_any_numbers
 @routine
 def put_columns(table, k, w, offset, count, first):
-    """Copy ``count`` quantities, LANES numbers each, from w[offset] on to rows k, k + 1, ... of a
-    table, from column ``first`` on; lanes beyond the last column are dropped."""
+    """Copy ``count`` quantities, LANES numbers each, from w[offset] and following into rows k, k +
+    1, ... of a table, columns ``first`` and following. Lanes beyond the last column are
+    dropped."""
     noinline()
     if first + LANES <= table.shape[1]:
         for i in range(count):

@@ -1,10 +1,11 @@
-"""Smallest distance between the outlines of two bodies over a flight, step by step, with its time
-and position.
+"""Smallest distance between the outlines of two bodies over a flight, with its time and position:
+updated after each integration step.
 
-Within a step every pair of parts is searched by itself: the step is halved wherever the pair could
-be nearer than the minimum so far. A lower bound follows from the relative motion. The distance is
-the minimum of many smooth functions of time, one for each pair of points (or point and plane of a
-wall), with second derivatives of at most C; between two times dt apart it is then at least
+Within a step every pair of parts is searched by itself: an interval of the step is halved wherever
+the pair could be nearer than the minimum so far. A lower bound follows from the relative motion.
+The distance is the minimum of many smooth functions of time, one for each pair of points (or point
+and plane of a wall), with second derivatives of at most C; between two times dt apart, with the
+distances d0 and d1, it is then at least
 
     d0 + (d1 - d0) u - C dt^2 / 2 u (1 - u),  u in 0 to 1
 
@@ -52,22 +53,23 @@ _AT, _VALUE, _CURVATURE, _POSE = 0, 1, 2, 3
 
 @routine
 def search_clearance(w, job):
-    """Search a step for a smaller distance than the smallest so far.
+    """Search an integration step for a smaller distance of two outlines than the smallest so far,
+    and update the result of the search with it.
 
     Parameters
     ----------
     w : array
         Workspace.
     job : int
-        Position of the job (`layout.JOB_TIME`, ...):
+        Position in w of the job: all data of the search, at these offsets from `layout`:
 
         JOB_TIME, JOB_LENGTH : start and length of the step, s
         JOB_PARTS : position and number of the parts of both outlines (`layout.PART_SIZE`)
         JOB_CENTRES : layout points of the centres of mass of bodies a and b
         JOB_PATH : coefficients (JOB_POWERS, PATH) of the powers of the fraction of the step: of the
         vector from a to b (3), and of the attitude quaternions of a and b (4, 4)
-        JOB_RESULT : smallest distance, its time, nearest point of the first body (3, layout), 1 on
-        contact; NaN at first; updated here
+        JOB_RESULT : smallest distance, m, its time, s, nearest point of the first body (3, layout,
+        m), and 1 on contact, else 0; the distance is NaN at first; updated here
         JOB_DONE : set to 1 if the search was complete, else 0
     """
     noinline()
@@ -101,8 +103,8 @@ def search_clearance(w, job):
 
 @routine
 def load_outline(w, out, source, parts):
-    """Copy the parts of a lane's own outline to w[out] and after it, in the form of
-    `layout.PART_SIZE`.
+    """Copy the parts of an outline that differs from case to case, for one lane, to w[out] and
+    following, in the form of `layout.PART_SIZE`.
 
     Parameters
     ----------
@@ -111,8 +113,9 @@ def load_outline(w, out, source, parts):
     out : int
         Position of the copy.
     source : int
-        Position of the numbers of the parts, LANES apart. Of each part: hollow, layout point of its
-        start, station of its other end (NaN: a point), radius at both ends.
+        Position of the numbers of the parts, LANES apart. Of each part: 1 if it is hollow, else 0;
+        layout point of its start (3); station of its other end (NaN: a point); radius at both
+        ends.
     parts : int
         Number of parts.
     """
@@ -128,8 +131,8 @@ def load_outline(w, out, source, parts):
 
 @routine
 def _part(p, cg, w):
-    """Part (start, axis, length, r0, r1) of a body's outline, stored at w[p] in layout coordinates,
-    in body axes from the centre of mass ``cg``, m."""
+    """Return the part (start, axis, length, r0, r1) of a body's outline whose numbers are stored at
+    w[p] in layout coordinates; the result is in body axes from the centre of mass ``cg``, m."""
     start = (cg[0] - w[p + 1], w[p + 2] - cg[1], w[p + 3] - cg[2])
     length = w[p + 4]
     return (start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), w[p + 5], w[p + 6])
@@ -137,9 +140,9 @@ def _part(p, cg, w):
 
 @routine
 def _pose(theta, w, job, pose):
-    """Store in w[pose] the pose of body b relative to body a at the fraction ``theta`` of the step
-    of a job: matrix from the axes of b to those of a (9), and vector from the centre of mass of a
-    to that of b, axes of a (3)."""
+    """Compute the pose of body b relative to body a at the fraction ``theta`` of the step of a
+    job, and store it at w[pose]: the matrix from the axes of b to those of a (9), and the vector
+    from the centre of mass of a to that of b, axes of a, m (3)."""
     noinline()
     for n in range(at.PATH):
         w[pose + n] = 0.0
@@ -157,9 +160,12 @@ def _pose(theta, w, job, pose):
 
 @routine
 def _motion(w, poses, h):
-    """Bounds of the motion of body b relative to a over a step of ``h`` s, from its poses: largest
-    speed of b's origin seen from a and of a's origin seen from b, m/s, and of the axes, 1/s; then
-    the corresponding accelerations, m/s2 and 1/s2."""
+    """Return six bounds of the motion of body b relative to a over a step of ``h`` s, estimated
+    from the POSES poses stored at w[poses].
+
+    They are the largest speed of b's origin seen from a, of a's origin seen from b, m/s, and of the
+    axes, 1/s; then the corresponding accelerations, m/s2, m/s2 and 1/s2.
+    """
     noinline()
     dt = h / (at.POSES - 1)
     speed_a, speed_b, axis_speed, accel_a, accel_b, axis_accel = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -203,13 +209,14 @@ def _motion(w, poses, h):
 
 @routine
 def _back(w, pose):
-    """Vector from the origin of body a to that of b, in the axes of b."""
+    """Return the vector from the origin of body a to that of b, in the axes of b, for the pose
+    stored at w[pose] (`_pose`)."""
     return vec3.unrotate(vec3.get_matrix(w, pose), vec3.get(w, pose + 9))
 
 
 @routine
 def _reach(part):
-    """Largest distance of a part from the origin of its axes, m."""
+    """Return the largest distance of any point of a part from the origin of its axes, m."""
     start, axis, length, r0, r1 = part
     end = vec3.add(start, vec3.scale(length, axis))
     return max(math.sqrt(vec3.dot(start, start)) + r0, math.sqrt(vec3.dot(end, end)) + r1)
@@ -217,7 +224,8 @@ def _reach(part):
 
 @routine
 def _is_rim(kind):
-    """Return True for a rim of a solid within a shell, whose distance ends where the rim leaves."""
+    """Return True if a pair is of the kind rim of a solid within a shell. Its distance exists only
+    while the rim is between the ends of the shell."""
     return kind in (SHELL_ON_FIRST, SHELL_ON_SECOND)
 
 
@@ -230,7 +238,8 @@ def _is_through(shell, best):
 
 @routine
 def _placed(part, w, pose):
-    """Part of body b, given in its own axes, in the axes of body a; ``pose`` as in `_pose`."""
+    """Transform a part of body b from its own axes to the axes of body a, for the pose stored at
+    w[pose] (`_pose`)."""
     start, axis, length, r0, r1 = part
     r = vec3.get_matrix(w, pose)
     return (
@@ -244,7 +253,8 @@ def _placed(part, w, pose):
 
 @routine
 def _from_other(part, w, pose):
-    """Part of body a, given in its own axes, in the axes of body b; ``pose`` as in `_pose`."""
+    """Transform a part of body a from its own axes to the axes of body b, for the pose stored at
+    w[pose] (`_pose`)."""
     start, axis, length, r0, r1 = part
     r = vec3.get_matrix(w, pose)
     return (
@@ -258,8 +268,8 @@ def _from_other(part, w, pose):
 
 @routine
 def _sector(part, p, w):
-    """Sector (start, axis, length, r0, r1, x, y, width; see `sectors`), in body axes, of a part
-    whose numbers, with the angles after them, are stored at w[p]."""
+    """Return the sector (start, axis, length, r0, r1, x, y, width; see `sepmc.physics.sectors`), in
+    body axes, of a ``part`` whose numbers, followed by the angles, are stored at w[p]."""
     start, axis, length, r0, r1 = part
     angles = p + at.PART_SIZE
     s, c = sine_cosine(w[angles + 1])
@@ -268,7 +278,8 @@ def _sector(part, p, w):
 
 @routine
 def _rim(part, end):
-    """Rim of a part at its start (end 0) or its other end (1): (centre, normal, radius)."""
+    """Return the rim (centre, normal, radius) of a part at its start (``end`` 0) or at its other
+    end (1)."""
     start, axis, length, r0, r1 = part
     if end == 0:
         return start, axis, r0
@@ -277,10 +288,12 @@ def _rim(part, end):
 
 @routine
 def _distance(pair, w, pose, margin):
-    """Distance of a pair of parts at a pose, m, and its nearest point on body a, axes of a.
+    """Return the distance of a pair of parts at the pose stored at w[pose], m, and the nearest
+    point of body a, axes of a.
 
-    ``pair`` is (kind, end of the part with the rim or position of the sector, part of a, part of
-    b); ``margin`` as in `rims.rim_gap`.
+    ``pair`` is (kind, end, part of a, part of b), each part in the axes of its body. ``end`` is the
+    end (0 or 1) of the part whose rim or edge counts; for a sector it is the position of its
+    numbers in w. ``margin`` as in `rims.rim_gap`.
     """
     noinline()
     kind, end, part_a, part = pair
@@ -305,8 +318,8 @@ def _distance(pair, w, pose, margin):
 
 @routine
 def _far(pair, w, pose):
-    """Lower bound of the distance of a pair (`_distance`) at a pose, m, at low cost. For a rim and
-    a shell it is a bound of the unsigned distance."""
+    """Return a lower bound of the distance of a pair (`_distance`) at the pose stored at w[pose],
+    m, at low cost. For a rim and a shell it is a bound of the unsigned distance."""
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind in (SOLIDS, SECTOR_ON_FIRST, SECTOR_ON_SECOND):
@@ -322,8 +335,9 @@ def _far(pair, w, pose):
 
 @routine
 def _along(pair, w, pose):
-    """Smallest and largest coordinate of a rim along the axis of its shell, m, and an upper bound
-    of the distance of its points from that axis, m, for a pair of a rim and a shell at a pose."""
+    """Return, for a pair of a rim and a shell (`_distance`) at the pose stored at w[pose], three
+    numbers, m: the smallest and the largest coordinate of the rim along the axis of the shell, and
+    an upper bound of the distance of its points from that axis."""
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
@@ -336,8 +350,8 @@ def _along(pair, w, pose):
 
 @routine
 def _least(d0, d1, curvature, dt):
-    """Lower bound of a distance during an interval of length dt, from its values d0 and d1 at the
-    ends, if its second derivative, with its sign, does not exceed ``curvature``."""
+    """Return a lower bound of a function of time in an interval of length ``dt``, from its values
+    d0 and d1 at the ends, if its second derivative (with its sign) is at most ``curvature``."""
     s, c = d1 - d0, 0.5 * curvature * dt * dt
     if abs(s) >= c:
         return min(d0, d1)
@@ -346,16 +360,17 @@ def _least(d0, d1, curvature, dt):
 
 @routine
 def _most(x0, x1, move, curvature, dt):
-    """Upper bound of a coordinate during an interval of length dt, from its values x0 and x1 at the
-    ends, if it moves by at most ``move`` and the size of its second derivative is at most
+    """Return an upper bound of a coordinate in an interval of length ``dt``, from its values x0 and
+    x1 at the ends, if it moves by at most ``move`` and the size of its second derivative is at most
     ``curvature``."""
     return min(max(x0, x1) + move, -_least(-x0, -x1, curvature, dt))
 
 
 @routine
 def _note(distance, point, time, w, job):
-    """Store a new smallest distance, its time, the nearest point of the first body (given in its
-    axes, stored in layout coordinates), and 1 on contact, in the result of a job."""
+    """Store a new smallest ``distance`` as the result of a job, with its ``time``, the nearest
+    ``point`` of the first body (given in its axes, stored in layout coordinates), and 1 on contact,
+    else 0."""
     result, cg = job + at.JOB_RESULT, vec3.get(w, job + at.JOB_CENTRES)
     w[result], w[result + 1] = distance, time
     vec3.put(w, result + 2, (cg[0] - point[0], cg[1] + point[1], cg[2] + point[2]))
@@ -364,12 +379,13 @@ def _note(distance, point, time, w, job):
 
 @routine
 def _search(pair, motion, w, job):
-    """Search a step for a smaller distance of a pair (`_distance`) than the job's result, or for an
-    earlier contact, and store it there. Returns True if the search was complete.
+    """Search the step of a job for a smaller distance of a pair of parts (`_distance`) than the
+    job's result, or for an earlier contact, and update the result. Returns False if the search
+    reached the limit of halvings.
 
-    ``motion`` has the bounds of `_motion`. The interval is halved from left to right, depth first:
-    the first of the job's nodes is the left end of an interval, node ``top`` its right end, and the
-    nodes below that are the right ends of the following intervals.
+    ``motion`` has the bounds of `_motion`. The step is halved from left to right, depth first. The
+    first of the job's nodes is the left end of the current interval, node ``top`` its right end;
+    the nodes between are the right ends of the intervals that follow.
     """
     noinline()
     kind, _, part_a, part_b = pair
@@ -441,8 +457,9 @@ def _search(pair, motion, w, job):
 
 @routine
 def _visit(pair, w, job, node, tiny):
-    """Evaluate the distance of a pair at the pose of a node, store it in the node and, if it is
-    smaller by more than ``tiny`` m, or an earlier contact, as the result of the job."""
+    """Evaluate the distance of a pair at the pose of a node and store it in the node. It becomes
+    the result of the job, too, if it is smaller by more than ``tiny`` m, an earlier contact, the
+    first distance, or NaN."""
     noinline()
     distance, point = _distance(pair, w, node + _POSE, _FLUSH * tiny)
     w[node + _VALUE] = distance
@@ -459,8 +476,9 @@ def _visit(pair, w, job, node, tiny):
 
 @routine
 def _worth_halving(pair, w, job, right, curvature, speed, dt, tiny):
-    """Return True if, between the first node and the one at ``right``, the pair may be nearer than
-    the smallest distance so far by more than ``tiny`` m, or in contact earlier.
+    """Return True if the interval from the first node of a job to the one at w[right] has to be
+    halved: the pair may be nearer in it than the smallest distance so far by more than ``tiny`` m,
+    or in contact earlier.
 
     ``speed`` and ``curvature`` bound the relative motion, m/s and m/s2; ``dt`` is the length of the
     interval, s.
@@ -522,9 +540,12 @@ def _worth_halving(pair, w, job, right, curvature, speed, dt, tiny):
 
 @routine
 def _least_solids(d0, d1, curvature, estimate, move, dt):
-    """Lower bound of the distance of two solids, or an edge and a solid, between two times ``dt``
-    apart, from its values there, a bound of the relative movement, ``move`` m, and the bound and
-    the estimate of its second derivative, m/s2."""
+    """Return a lower bound, m, of the distance of two solids, or of an edge and a solid, between
+    two times ``dt`` apart, from its values d0 and d1 there.
+
+    The relative movement is at most ``move`` m; ``curvature`` is a bound of the relative
+    acceleration and ``estimate`` an estimate of the second derivative of the distance, m/s2.
+    """
     low = 0.5 * (d0 + d1 - move)
     if not low > 0.0:
         return low

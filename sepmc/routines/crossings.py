@@ -1,8 +1,8 @@
-"""Instants of a step at which the magnitude of a vector reaches or crosses a threshold, from its
-components at the nodes of the step.
+"""Instants of an integration step at which the magnitude of a vector reaches or crosses a
+threshold, from its components at the nodes of the step.
 
-Common arguments, and the polynomials that represent the components: see `sepmc.routines.peaks`.
-Checked in `tests/kernel/test_loads.py`.
+`sepmc.routines.peaks` explains the common arguments, and the polynomials that represent the
+components between the nodes. Checked in `tests/kernel/test_loads.py`.
 """
 
 import math
@@ -32,16 +32,17 @@ def first_reached(w, nodes, stride, scratch, threshold):
     Parameters
     ----------
     w, nodes, stride, scratch
-        As in `update_between`.
+        As in `peaks.update_between`.
     threshold : float
         In the unit of the vector.
 
     Returns
     -------
     theta : float
-        Fraction of the step; 0 if reached at the start, to round-off; 2 if not reached.
+        Fraction of the step, 0 to 1, at which it is reached; 0 if it is reached already at the
+        start, to round-off; 2 if it is not reached.
     rate : float
-        Rate of the magnitude there, per step.
+        Derivative of the magnitude by the fraction of the step there; 0 if not reached.
     """
     noinline()
     sizes, lower = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
@@ -92,21 +93,21 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
     Parameters
     ----------
     w, nodes, stride, scratch
-        As in `update_between`.
+        As in `peaks.update_between`.
     threshold : float
         In the unit of the vector.
     side : float
-        1 below the threshold before the step, -1 above, 0 at it or without a step before. A jump to
-        the other side at the start of the step is a crossing.
+        Side of the threshold just before the step: 1 below, -1 above, 0 at it or if there was no
+        step before. A jump to the other side at the start of the step is a crossing.
     rising, falling : bool
-        Directions that count: from below, from above.
+        True if crossings from below, or from above, count.
 
     Returns
     -------
     theta : float
-        Fraction of the step; 2 if there is no crossing.
+        Fraction of the step, 0 to 1, at which it is crossed; 2 if there is no such crossing.
     rate : float
-        Magnitude of the rate there, per step.
+        Size of the derivative of the magnitude by the fraction of the step there; 0 if not crossed.
     """
     noinline()
     sizes = scratch + 3 * COUNT
@@ -140,9 +141,9 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
 
 @routine
 def _crossing(low, high, w, scratch, threshold, side):
-    """Fraction of the step, between ``low`` and ``high``, at which the magnitude crosses a
-    threshold from a ``side`` (1 from below, -1 from above), by bisection; and the size of its rate
-    there, per step."""
+    """Return the fraction of the step, between ``low`` and ``high``, at which the magnitude crosses
+    a threshold from a ``side`` (1: from below, -1: from above), by bisection; and the size of its
+    derivative by the fraction of the step there."""
     start = low
     while high - low > 1e-16 + 2e-16 * high:
         middle = 0.5 * (low + high)
@@ -157,9 +158,9 @@ def _crossing(low, high, w, scratch, threshold, side):
 
 @routine
 def side_at(w, nodes, stride, scratch, threshold, theta, side):
-    """Side of a threshold on which the magnitude of a vector is at the fraction ``theta`` of a
-    step: 1 below, -1 above; at the threshold the last side before, ``side`` before the step. Other
-    arguments as in `update_between`."""
+    """Return the side of a threshold on which the magnitude of a vector is at the fraction
+    ``theta`` of a step: 1 below, -1 above. If it is at the threshold, the side where it was last
+    is returned; ``side`` is that before the step. Other arguments as in `peaks.update_between`."""
     noinline()
     set_coefficients(nodes, stride, w, scratch)
     for i in range(COUNT):
@@ -170,8 +171,8 @@ def side_at(w, nodes, stride, scratch, threshold, theta, side):
 
 @routine
 def _side(size, threshold, last_side):
-    """Side of a threshold on which a magnitude is: 1 below, -1 above, ``last_side`` if at it, to
-    round-off."""
+    """Return the side of a threshold on which a magnitude, ``size``, is: 1 below, -1 above;
+    ``last_side`` if it is at the threshold, to round-off."""
     tolerance = _TOUCH * max(1.0, threshold)
     return (
         1.0 if size < threshold - tolerance else -1.0 if size > threshold + tolerance else last_side
@@ -180,7 +181,8 @@ def _side(size, threshold, last_side):
 
 @routine
 def _turns(sizes, w, i, side):
-    """Return True if a peak (from ``side`` 1) or a minimum (-1) is next to node ``i``."""
+    """Return True if, next to node ``i``, the magnitude has a peak (``side`` 1: it is below the
+    threshold) or a minimum (-1: above); its values at the nodes are stored at w[sizes]."""
     if side > 0.0:
         return rises(sizes, w, i)
     previous, current, following = (
@@ -193,8 +195,8 @@ def _turns(sizes, w, i, side):
 
 @routine
 def _lowest(low, high, w, scratch):
-    """Fraction of the step, between ``low`` and ``high``, with the smallest magnitude, by golden
-    section."""
+    """Return the fraction of the step, between ``low`` and ``high``, at which the magnitude is
+    smallest, by golden section."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     for _ in range(ROUNDS):
         one, other = low + golden * (high - low), high - golden * (high - low)
@@ -205,8 +207,8 @@ def _lowest(low, high, w, scratch):
 
 @routine
 def _rate_at(sizes, w):
-    """Rate of the magnitude at the start of a step, per step, from its values at the nodes, stored
-    from w[sizes] on."""
+    """Return the derivative of the magnitude by the fraction of the step at its start, from the
+    values at the nodes, stored at w[sizes] and following."""
     slope = 0.0
     for n in range(COUNT):
         slope += SLOPE[n] * w[sizes + n]

@@ -1,5 +1,5 @@
-"""Separations over time between the ends of steps: polynomials from distance, speed and
-acceleration."""
+"""Rows of separation histories: within a step, the separation distance of each joint is represented
+by a polynomial, fitted to distance, speed and acceleration at points of the step."""
 
 import math
 
@@ -10,25 +10,26 @@ from sepmc.routines.layout import AT_POINT, GRAIN
 
 @routine
 def fit(w, points, joints, count, matrix, length, curves, stride):
-    """Fit the polynomials of a step, in powers of its fraction, to values, rates and accelerations
-    at points of the step.
+    """Fit a polynomial in the fraction of the step to the separation distance of each joint, for
+    all lanes; the coefficients are written into the workspace.
 
     Parameters
     ----------
     w : array
         Workspace.
     points : int
-        Position of the value, rate and acceleration of each joint at ``count`` points of the step,
-        the first and last at its ends.
+        Position in w of the distance, speed and acceleration of each joint at ``count`` points of
+        the step; the first and last point are its ends.
     joints, count : int
-        Number of joints (curves), number of points.
+        Number of joints (each has a polynomial); number of points.
     matrix : array, shape (count + 2, count + 2)
-        Of the method (`sepmc.kernel.spec.methods.Method.curve`).
+        Fit matrix of the integration method (`sepmc.kernel.spec.methods.Method.curve`).
     length : int
-        Position of the step lengths.
+        Position of the step lengths, s.
     curves : int
-        Position of the coefficients, ``stride`` for each curve.
+        Position of the coefficients, from the constant one up.
     stride : int
+        Number of coefficients of a polynomial; those that the fit does not give are set to 0.
     """
     size = AT_POINT * joints
     end = points + (count - 1) * size * LANES
@@ -62,8 +63,8 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
 
 @routine
 def write(w, curves, joints, stride, begin, end, length, interval, history, first):
-    """Write speed and distance of every joint into those rows of a history whose times are in the
-    last step.
+    """Write the separation speed and distance of every joint into those rows of a history whose
+    times lie in the step that was just made, for all lanes.
 
     Parameters
     ----------
@@ -72,13 +73,13 @@ def write(w, curves, joints, stride, begin, end, length, interval, history, firs
     curves, joints, stride : int
         As in `fit`.
     begin, end, length : int
-        Positions of start, end and length of the step of each lane, s.
+        Positions of start time, end time and length of the step of each lane, s.
     interval : float
-        Time between rows, s.
+        Time between rows, s; row k has the time k * interval.
     history : array, shape (cases, rows, 2 joints)
-        Output.
+        Output: speed (m/s) and distance (m) of each joint.
     first : int
-        Number of the case in lane 0.
+        Index in ``history`` of the case in lane 0.
     """
     low, high = math.inf, -math.inf
     for l in range(LANES):

@@ -1,4 +1,4 @@
-"""Friction of guides whose pin loads depend on the friction: equilibrium of all guides."""
+"""Friction of guides whose pin loads depend on the friction itself: equilibrium of all guides."""
 
 import math
 
@@ -11,29 +11,29 @@ _ROUNDS, _TURNS = 40, 100  # Newton iterations of a guide; turns of all guides
 
 @routine
 def balance(w, system, ends, out):
-    """Solve for the friction of all guides of a lane, N, in equilibrium with the loads of their
-    pins.
+    """Solve for the friction forces of all guides of a lane, N, in equilibrium with the pin loads
+    that they cause.
 
-    Loads are convex in a friction force, so Newton's method from zero converges to the smallest
-    solution; guides take turns.
+    Each guide is solved in turn with the friction of the others fixed, until nothing changes. Loads
+    are convex in a friction force, so Newton's method from zero converges to the smallest solution.
 
     Parameters
     ----------
     w : array
         Workspace.
     system : int
-        Position of a lane's data. For each guide: its friction per newton of load; for each end of
-        its pins the force (y, z) without friction, and the force (y, z) per newton of each guide's
-        friction.
+        Position of the data of the lane, LANES apart. For each guide: its friction per newton of
+        load; then, for each end of its pins, the force (y, z) without friction, N, and the force
+        (y, z) per newton of the friction of each guide.
     ends : tuple of int
-        Pin ends of each guide.
+        Number of pin ends of each guide: two for each pin.
     out : int
-        Position of the solution, LANES apart.
+        Position of the solution, LANES apart: the friction force of each guide, N.
 
     Returns
     -------
     bool
-        False if a guide jams: there is no solution.
+        False if a guide jams, so that there is no solution, or the turns do not converge.
     """
     noinline()
     count = len(ends)
@@ -58,9 +58,9 @@ def balance(w, system, ends, out):
 
 @routine
 def _solve_guide(w, guide, ends, j, count, out):
-    """Solve for the friction of guide ``j`` of ``count``, whose data begin at ``guide``, with that
-    of the others fixed, and store it at ``out``. Returns the sum of the loads of its ``ends`` pin
-    ends, N; -1 if it jams."""
+    """Solve for the friction force of guide ``j`` of ``count``, whose data begin at w[guide], with
+    the friction of the others, stored from w[out] on, fixed. The result is stored there, too.
+    Returns the sum of the loads of its ``ends`` pin ends, N; -1 if it jams."""
     noinline()
     coefficient, friction = w[guide], out + j * LANES
     for _ in range(_ROUNDS):

@@ -1,8 +1,10 @@
-"""Lanes: cases side by side in one flat workspace, so that a loop over them is vectorised.
+"""Lanes: cases side by side in one flat array, the workspace, so that loops over them are
+vectorised.
 
-A quantity is a field of LANES numbers, one for each case. All fields of a block of cases are in one
-array, at offsets that are constants when the kernel is compiled: only then does the compiler see
-that lanes do not overlap (5 times the speed).
+Each number of a case has LANES places in a row, one for each case (lane). A vector of a lane thus
+has its components LANES apart. All numbers of a block of cases are in one array, at offsets that
+are constants when the kernel is compiled: only then does the compiler see that they do not overlap
+(5 times the speed). In the functions here, k is the position of the first number of the lane.
 """
 
 import math
@@ -18,20 +20,21 @@ LANES = 1 if config.plain else layout.LANES
 
 @formula
 def get3(w, k):
-    """Vector of a lane, first component at w[k]."""
+    """Return the vector (tuple of 3) of a lane whose components are at w[k], w[k + LANES], ..."""
     return (w[k], w[k + LANES], w[k + 2 * LANES])
 
 
 @formula
 def get4(w, k):
-    """Four numbers of a lane, the first at w[k]: a quaternion, or the base of a layer of air."""
+    """Return four numbers of a lane, at w[k], w[k + LANES], ...: a quaternion, or the base of a
+    layer of air."""
     return (w[k], w[k + LANES], w[k + 2 * LANES], w[k + 3 * LANES])
 
 
 @formula
 def get6(w, k):
-    """Symmetric matrix (tuple of 9) of a lane from its six numbers xx, xy, xz, yy, yz, zz, the
-    first at w[k]."""
+    """Return the symmetric matrix (tuple of 9) of a lane whose six numbers xx, xy, xz, yy, yz, zz
+    are at w[k], w[k + LANES], ..."""
     xx, xy, xz = get3(w, k)
     yy, yz, zz = get3(w, k + 3 * LANES)
     return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
@@ -39,7 +42,8 @@ def get6(w, k):
 
 @formula
 def get9(w, k):
-    """Matrix (tuple of 9 by rows) of a lane, first element at w[k]."""
+    """Return the matrix (tuple of 9 by rows) of a lane whose elements are at w[k], w[k + LANES],
+    ..."""
     a, b, c = get3(w, k), get3(w, k + 3 * LANES), get3(w, k + 6 * LANES)
     return (a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
 
@@ -58,7 +62,7 @@ def largest4(a):
 
 @formula
 def put9(w, k, a):
-    """Store a matrix (tuple of 9 by rows) of a lane, first element at w[k]."""
+    """Store a matrix ``a`` (tuple of 9 by rows) of a lane at w[k], w[k + LANES], ..."""
     put3(w, k, (a[0], a[1], a[2]))
     put3(w, k + 3 * LANES, (a[3], a[4], a[5]))
     put3(w, k + 6 * LANES, (a[6], a[7], a[8]))
@@ -66,30 +70,30 @@ def put9(w, k, a):
 
 @formula
 def put3(w, k, a):
-    """Store a vector of a lane, first component at w[k]."""
+    """Store a vector ``a`` (tuple of 3) of a lane at w[k], w[k + LANES], w[k + 2 LANES]."""
     w[k], w[k + LANES], w[k + 2 * LANES] = a
 
 
 @formula
 def put4(w, k, a):
-    """Store four numbers of a lane, the first at w[k]."""
+    """Store four numbers ``a`` of a lane at w[k], w[k + LANES], w[k + 2 LANES], w[k + 3 LANES]."""
     w[k], w[k + LANES], w[k + 2 * LANES], w[k + 3 * LANES] = a
 
 
 @formula
 def put6(w, k, m):
-    """Store the six numbers xx, xy, xz, yy, yz, zz of a symmetric matrix (tuple of 9) of a lane,
-    the first at w[k]."""
+    """Store the six numbers xx, xy, xz, yy, yz, zz of a symmetric matrix ``m`` (tuple of 9) of a
+    lane at w[k], w[k + LANES], ..."""
     put3(w, k, (m[0], m[1], m[2]))
     put3(w, k + 3 * LANES, (m[4], m[5], m[8]))
 
 
 @formula
 def time_left(value, rate, acceleration, jerk):
-    """Time until a quantity rises through zero: the root of value + rate t + acceleration t^2 / 2 +
+    """Time until a quantity rises through zero: a root t of value + rate t + acceleration t^2 / 2 +
     jerk t^3 / 6.
 
-    The root without jerk, then three Newton iterations towards the one with it.
+    The root without jerk is found first; three Newton iterations then include the jerk.
 
     Parameters
     ----------
@@ -101,7 +105,7 @@ def time_left(value, rate, acceleration, jerk):
     Returns
     -------
     float
-        s; infinite if there is no crossing.
+        s, negative if the crossing is in the past; infinite if there is none without the jerk.
     """
     square = rate * rate - 2.0 * value * acceleration
     speed = rate + math.sqrt(square if square > 0.0 else 0.0)
@@ -116,11 +120,12 @@ def time_left(value, rate, acceleration, jerk):
 
 @formula
 def nearest_turn(angle, last):
-    """Angle, rad, plus as many full turns as bring it within half a turn of the angle ``last``."""
+    """Return an angle, rad, plus the number of full turns, of either sign, that brings it within
+    half a turn of the angle ``last``."""
     return angle + 2.0 * math.pi * np.floor((last - angle) / (2.0 * math.pi) + 0.5)
 
 
 @formula
 def larger(a, b):
-    """Larger of two numbers; the second if any of them is NaN."""
+    """Return the larger of two numbers; b if one of them is NaN."""
     return a if a >= b else b

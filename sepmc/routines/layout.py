@@ -1,5 +1,5 @@
-"""Offsets of the numbers of a case in its parameter vector, and codes of the elements of a scene.
-Without numba."""
+"""Layout of the numbers of a case: offsets in its parameter vector and in the data of routines; and
+codes of the kinds of elements in a scene. This module imports no compiler."""
 
 from typing import Any, NamedTuple
 
@@ -121,22 +121,25 @@ STRUCTURE = np.dtype(
 
 
 class Model(NamedTuple):
-    """Content of a scene, as a kernel reads it. The numbers of a case are in ``w``: parameters
-    first, then interval data.
+    """Content of a scene that is common to all cases, as a kernel reads it.
+
+    The numbers of a case itself are in its part of the workspace ``w``: its parameters first, then
+    its interval data (what motors and loads do in the current interval between load switches).
 
     Attributes
     ----------
     scene : record of STRUCTURE
-        Counts, and positions: ``*_p`` of parameter blocks in w, ``*_w`` of interval data in w,
-        ``*_i`` of integer tables in ``table``, ``*_x`` of numbers common to all cases in
-        ``numbers``.
+        Counts of elements, and positions of the data of the first element of each kind. The end of
+        a name says where these data are: ``_p`` parameters in w; ``_w`` interval data in w; ``_i``
+        the array ``table``; ``_x`` the array ``numbers``.
     table : array of int
-        profile (motors, 2): position in ``numbers`` and rows; aero_table (bodies,): position in
-        ``numbers`` or -1; proximity (n,): position in ``numbers``; parts (bodies, 2): position in
-        ``numbers`` and count; force tables (springs,): position in ``numbers`` or -1.
+        Integers of five tables, one after the other: profile (motors, 2), the position in
+        ``numbers`` and the number of rows; aero_table (bodies,), the position in ``numbers`` or -1;
+        proximity (n,), the position in ``numbers``; parts (bodies, 2), the position in ``numbers``
+        and the number of parts; force tables (springs,), the position in ``numbers`` or -1.
     numbers : array
-        Of each joint its axes (9) and the sign that makes its opening separation positive; of each
-        spring its axis or 0; tables.
+        For each joint its axes (9) and the sign that makes its opening separation positive; for
+        each spring its axis or 0; then the data of tables.
     """
 
     scene: Any

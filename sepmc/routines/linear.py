@@ -1,9 +1,9 @@
-"""Dense solvers, inlined, for the small systems of the constraint force equations. They return a
-failure; they never raise.
+"""Dense solvers for the small linear systems of the constraint force equations. A failure is
+reported by the result; nothing is raised.
 
-The matrix is stored by rows at w[a], n entries a row; the right-hand side at w[b] is replaced by
-the solution. Checked in `tests/engine/test_interpreted.py` and
-`tests/kernel/test_redundant_rows.py`.
+``w`` is the workspace; other arguments are positions in it. A matrix A is stored by rows at w[a], n
+entries a row; the right-hand side at w[b] is replaced by the solution. Checked in
+`tests/engine/test_interpreted.py` and `tests/kernel/test_redundant_rows.py`.
 """
 
 import math
@@ -23,9 +23,10 @@ _CLEARLY_INDEPENDENT = 1e-9
 @long_formula
 def _factor_ldlt(w, a, n):
     """Factor a symmetric positive definite matrix (n x n, at w[a]), given by its lower triangle, as
-    L D L^T in place: L below the diagonal, D on it.
+    L D L^T. The triangle is replaced: L below the diagonal, D on it.
 
-    Returns the smallest pivot relative to its diagonal element, or 0 if rows are dependent.
+    Returns the smallest ratio of a pivot (an element of D) to the diagonal element of the matrix,
+    or 0 if rows are dependent; the factors are then not complete.
     """
     noinline()
     smallest = 1.0
@@ -51,8 +52,8 @@ def _factor_ldlt(w, a, n):
 
 @long_formula
 def _solve_factored(w, a, b, n):
-    """Solve a system of size n with the factors L D L^T at w[a]; the right-hand side at w[b] is
-    replaced by the solution."""
+    """Solve a system of size n from its factors L D L^T at w[a] (`_factor_ldlt`); the right-hand
+    side at w[b] is replaced by the solution."""
     noinline()
     for i in range(n):
         for k in range(i):
@@ -81,8 +82,8 @@ def solve_ldlt(w, a, b, n):
     Returns
     -------
     float
-        Smallest pivot relative to its diagonal; 0 if rows are dependent (the solution is then
-        invalid).
+        Smallest ratio of a pivot to its diagonal element; 0 if rows are dependent: the right-hand
+        side is then not replaced.
     """
     noinline()
     smallest = _factor_ldlt(w, a, n)
@@ -93,12 +94,12 @@ def solve_ldlt(w, a, b, n):
 
 @routine
 def _factor_pivoted(w, a, n, used, rest):
-    """Factor L L^T (n x rank, rows in the order of A) of a positive semidefinite A by pivoted
-    Cholesky of the scaled matrix.
+    """Factor a positive semidefinite matrix A (n x n, at w[a]) as L L^T by pivoted Cholesky of the
+    matrix scaled to a unit diagonal; L is n x rank, its rows in the order of A.
 
-    A is given by its lower triangle and not changed; L goes to w[a + n n], n entries a row.
-    ``used`` and ``rest`` are positions of n scratch numbers. Returns the rank and the smallest
-    pivot, relative to the diagonal.
+    A is given by its lower triangle and not changed; L is stored at w[a + n n], n entries a row.
+    ``used`` and ``rest`` are positions of n scratch numbers each. Returns the rank, and the
+    smallest ratio of a pivot to its diagonal element.
     """
     noinline()
     factor = a + n * n
@@ -132,10 +133,11 @@ def _factor_pivoted(w, a, n, used, rest):
 
 @routine
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
-    """Add A^+ b to w[out], for a matrix A = L L^T of some rank: A^+ b = L G^-1 G^-1 L^T b.
+    """Add A^+ b to the vector at w[out], where A^+ is the pseudo-inverse of A = L L^T, which has a
+    known ``rank``: A^+ b = L G^-1 G^-1 L^T b with G = L^T L.
 
-    ``factor`` is the position of L (n entries a row), ``gram`` that of the factors of G = L^T L, as
-    of `_factor_ldlt`, ``b`` that of b, ``t`` that of n scratch numbers.
+    ``factor`` is the position of L (n entries a row), ``gram`` that of the factors L D L^T of G
+    (`_factor_ldlt`), ``b`` that of b, ``t`` that of n scratch numbers.
     """
     noinline()
     for r in range(rank):
@@ -151,8 +153,8 @@ def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
 
 @routine
 def solve_semidefinite(w, a, b, n):
-    """Minimum-norm solution of a consistent positive semidefinite system, given by its lower
-    triangle.
+    """Find the solution of minimum norm of a consistent positive semidefinite system, given by its
+    lower triangle.
 
     Parameters
     ----------
@@ -168,9 +170,9 @@ def solve_semidefinite(w, a, b, n):
     Returns
     -------
     rank : int
-        0 if a diagonal element is not positive.
+        Rank of the matrix; 0 if a diagonal element is not positive: nothing is then solved.
     smallest : float
-        Smallest pivot relative to its diagonal.
+        Smallest ratio of a pivot to its diagonal element.
     """
     noinline()
     for i in range(n):
@@ -201,8 +203,9 @@ def solve_semidefinite(w, a, b, n):
 
 @long_formula
 def _gather(w, source, n, a, b):
-    """Copy the lower triangle of a lane's matrix, by rows at ``source``, to w[a], and the
-    right-hand side after it to w[b]."""
+    """Copy a system of size n of one lane: the lower triangle of its matrix, which is stored by
+    rows from w[source] on, LANES apart, to the matrix at w[a], and the right-hand side that follows
+    it to w[b]."""
     noinline()
     k = source
     for i in range(n):
@@ -216,9 +219,8 @@ def _gather(w, source, n, a, b):
 
 @routine
 def solve_min_norm(w, source, n, scratch, out):
-    """Solve a consistent positive semidefinite system, with possibly dependent rows, for one lane.
-
-    The unique solution, or else the one with the smallest norm.
+    """Solve, for one lane, a consistent positive semidefinite system whose rows may be dependent.
+    If the solution is not unique, it is the one of minimum norm.
 
     Parameters
     ----------
@@ -236,9 +238,9 @@ def solve_min_norm(w, source, n, scratch, out):
     Returns
     -------
     rank : int
-        0 if a diagonal element is not positive.
+        Rank of the matrix; 0 if a diagonal element is not positive.
     smallest : float
-        Smallest pivot relative to its diagonal.
+        Smallest ratio of a pivot to its diagonal element.
     """
     noinline()
     b = scratch + 3 * n * n
@@ -269,7 +271,8 @@ def solve_lu(w, a, b, n):
     Returns
     -------
     float
-        Smallest pivot of the scaled system; 0 if it is singular (the solution is then invalid).
+        Size of the smallest pivot of the scaled system; 0 if it is singular: the right-hand side is
+        then no solution.
     """
     noinline()
     for i in range(n):
@@ -310,7 +313,7 @@ def solve_lu(w, a, b, n):
 
 @routine
 def eliminate(w, source, n, scratch, out):
-    """Solve a general system for one lane by `solve_lu`.
+    """Solve, for one lane, a general system by `solve_lu`.
 
     Parameters
     ----------
@@ -319,16 +322,16 @@ def eliminate(w, source, n, scratch, out):
     source : int
         Position of the matrix by rows, then of the right-hand side, LANES apart.
     n : int
-        Size of the system.
+        Size of the system: n rows of n entries.
     scratch : int
         Position of n^2 + n scratch numbers.
     out : int
-        Position of the solution, LANES apart; NaN if there is none.
+        Position of the solution, LANES apart, which is written; NaN if there is none.
 
     Returns
     -------
     float
-        Smallest pivot of the scaled system; 0 if it is singular.
+        Size of the smallest pivot of the scaled system; 0 if it is singular.
     """
     noinline()
     for i in range(n * n + n):

@@ -1,8 +1,8 @@
-"""Intervals between the switches of motors and loads: time of the next switch, and the active loads
-in an interval.
+"""Intervals between the times at which motors and constant loads switch on or off: the time of the
+next switch, and which loads are active in an interval.
 
-The numbers of a case are stored in ``w`` one after the other, from ``case`` on; ``m`` is the
-`layout.Model`.
+The numbers of a case are stored one after the other in the workspace ``w``, from w[case] on:
+parameters, then interval data. ``m`` is the `layout.Model` of the scene.
 """
 
 import math
@@ -14,47 +14,52 @@ from sepmc.routines.layout import GRAIN
 
 @formula
 def motor_params(i, m, case):
-    """Position in ``w`` of the parameters of motor i of the case at ``case``; m: `Model`."""
+    """Position in the workspace of the parameters of motor i, for the case whose numbers begin at
+    ``case``; m is the `Model`."""
     return case + m.scene.motors_p + at.MOTOR_SIZE * i
 
 
 @formula
 def load_params(i, m, case):
-    """Position in ``w`` of the parameters of load i of the case at ``case``; m: `Model`."""
+    """Position in the workspace of the parameters of constant load i, for the case whose numbers
+    begin at ``case``; m is the `Model`."""
     return case + m.scene.loads_p + at.LOAD_SIZE * i
 
 
 @formula
 def motor_work(i, m, case):
-    """Position in ``w`` of the interval data of motor i of the case at ``case``; m: `Model`."""
+    """Position in the workspace of the interval data of motor i, for the case whose numbers begin
+    at ``case``; m is the `Model`."""
     return case + m.scene.motors_w + at.MOTOR_WORK * i
 
 
 @formula
 def load_work(i, m, case):
-    """Position in ``w`` of the interval data of load i of the case at ``case``; m: `Model`."""
+    """Position in the workspace of the interval data of constant load i, for the case whose numbers
+    begin at ``case``; m is the `Model`."""
     return case + m.scene.loads_w + at.LOAD_WORK * i
 
 
 @routine
 def _ignition_time(i, m, w, case):
-    """Ignition time of motor i, s."""
+    """Return the ignition time of motor i of a case, its delay included, s."""
     p = motor_params(i, m, case)
     return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
 
 
 @routine
 def _earlier(earliest, time, t):
-    """Earlier of two times; the second one, ``time``, is ignored if it is not after ``t``."""
+    """Return the earlier of two times, ``earliest`` and ``time``; ``time`` is ignored if it is not
+    after ``t``."""
     return min(earliest, time) if time > t + GRAIN else earliest
 
 
 @routine
 def next_load_switch(t, m, w, case):
-    """Earliest discontinuity of a load after a time.
+    """Return the time of the first switch of a motor or constant load after the time ``t``.
 
-    Ignition, burn-out, knots of thrust profiles, start and end of constant loads, and the end of a
-    short transient, so that the steps within it are short.
+    Switches are ignition, burn-out, rows of thrust profiles, start and end of constant loads. The
+    end of a short build-up or tail-off counts, too, so that the steps within it are short.
 
     Parameters
     ----------
@@ -64,12 +69,12 @@ def next_load_switch(t, m, w, case):
     w : array
         Workspace.
     case : int
-        Position of the case's numbers.
+        Position in w of the numbers of the case.
 
     Returns
     -------
     float
-        s; infinite if there is none.
+        s; infinite if there is no switch after t.
     """
     noinline()
     brief = at.BRIEF / at.TRANSIENT * w[case + at.END_TIME]
@@ -95,9 +100,11 @@ def next_load_switch(t, m, w, case):
 
 @routine
 def set_active_loads(middle, m, w, case):
-    """Set in ``w`` which motors and constant loads act in the interval around the time ``middle``,
-    s, and the lines of their thrust profiles. It is set once for the interval, so that no stage of
-    a step sees a switch."""
+    """Store in the interval data of a case which motors and constant loads act in the interval
+    around the time ``middle``, s, and the line of each thrust profile there.
+
+    They are set once for an interval between switches, so that no stage of a step sees a switch.
+    """
     noinline()
     for i in range(m.scene.n_motors):
         p, work = motor_params(i, m, case), motor_work(i, m, case)
@@ -126,9 +133,12 @@ def set_active_loads(middle, m, w, case):
 
 @routine
 def _set_profile(since, first, rows, work, m, w):
-    """Set the line of a thrust profile (fraction of the thrust: level + slope t, t from ignition)
-    that holds ``since`` seconds after ignition; zero before its first and after its last row.
-    ``first`` and ``rows`` are the position and number of its rows, ``work`` that of the result."""
+    """Store the line of a thrust profile that applies ``since`` seconds after ignition, as level
+    and slope in the interval data of the motor at w[work]: fraction of the thrust = level + slope
+    t, t from ignition, s; zero before the first and after the last row.
+
+    ``first`` is the position in ``m.numbers`` of the ``rows`` rows (time, fraction) of the profile.
+    """
     w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
     for k in range(rows - 1):
         t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]

@@ -1,5 +1,5 @@
-"""Peak and integral of the magnitude of a vector over a step, from its components at the nodes of
-the step.
+"""Peak and integral of the magnitude of a vector (the force or moment of a joint) over an
+integration step, from its components at the nodes: PEAK_NODES fixed fractions of the step, THETA.
 
 Components are smooth where their magnitude has a corner, so each is represented by a polynomial:
 sum of c_j T_j(x), x from -1 to 1 over the step (Chebyshev; Trefethen, Approximation Theory and
@@ -8,8 +8,9 @@ error of the motion does.
 
 Common arguments: ``w``, workspace; ``nodes``, position of the first component at the first node,
 with the other components LANES apart and the next node ``stride`` apart; ``scratch``, position of
-PEAK_SCRATCH scratch numbers (coefficients, then magnitudes at the nodes); ``sizes``, position of
-these magnitudes. Checked in `tests/routines/test_peaks.py`.
+PEAK_SCRATCH scratch numbers (coefficients of the three components, then magnitudes at the nodes);
+``sizes``, position of these magnitudes. A "fraction" is one of the step, from 0 to 1. Checked in
+`tests/routines/test_peaks.py`.
 """
 
 import math
@@ -51,7 +52,8 @@ _GAUSS = (
 
 
 def _on_both_sides(values, sign=1.0):
-    """Numbers at all points, from those at the middle and above."""
+    """Return the numbers at all points of a symmetric rule, from those at the middle point and
+    above; those below get the factor ``sign``."""
     return np.array([*(sign * x for x in values[:0:-1]), *values])
 
 
@@ -85,8 +87,8 @@ _CLOSE = 1e-9  # of a step: tolerance of a peak's time; its value is then accura
 
 @routine
 def _at(x, w, scratch):
-    """Vector (3) at x in -1 to 1 over the step, from the coefficients of its components at
-    w[scratch], by Clenshaw's recurrence."""
+    """Return the vector (tuple of 3) at ``x``, which goes from -1 to 1 over the step, from the
+    coefficients of its components at w[scratch], by Clenshaw's recurrence."""
     a, a_previous, b, b_previous, c, c_previous = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(COUNT - 1):
         j = scratch + COUNT - 1 - k
@@ -102,16 +104,20 @@ def _at(x, w, scratch):
 
 @routine
 def size_at(theta, w, scratch):
-    """Magnitude of the vector with the coefficients at w[scratch], at the fraction ``theta`` of the
-    step."""
+    """Return the magnitude, at the fraction ``theta`` of the step, of the vector whose coefficients
+    are at w[scratch]."""
     return magnitude(_at(2.0 * theta - 1.0, w, scratch))
 
 
 @routine
 def _height(theta, w, scratch, ends):
-    """Quantity to maximise at the fraction ``theta`` of a step, from the coefficients at
-    w[scratch]. If ``ends`` is 0, it is the magnitude of the vector. Otherwise it is -max(F, 0) / P:
-    the force F separates the guide, P is the sum of the loads of its ``ends`` pin ends."""
+    """Return the quantity that `highest` maximises, at the fraction ``theta`` of a step, from the
+    coefficients at w[scratch].
+
+    If ``ends`` is 0, it is the magnitude of the vector. Otherwise the coefficients are those of
+    `update_min_drive_ratio`, and it is -max(F, 0) / P, with the separating force F of the guide and
+    the sum P of the loads of its ``ends`` pin ends.
+    """
     if ends == 0:
         return size_at(theta, w, scratch)
     load = 0.0
@@ -123,8 +129,9 @@ def _height(theta, w, scratch, ends):
 
 @routine
 def highest(low, high, w, scratch, ends):
-    """Fraction of the step, between ``low`` and ``high``, with the largest `_height`: Brent's
-    method, parabolas with golden section as a fallback (1973, ch. 5)."""
+    """Return the fraction of the step, between ``low`` and ``high``, at which `_height` has its
+    maximum (arguments as there): Brent's method, parabolas with golden section as a fallback (1973,
+    ch. 5)."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     best = low + golden * (high - low)
     second = third = best
@@ -164,8 +171,9 @@ def highest(low, high, w, scratch, ends):
 
 @routine
 def _mean(low, high, w, scratch):
-    """Mean magnitude of the vector with the coefficients at w[scratch] between two fractions of the
-    step, by the Gauss-Lobatto rule of five nodes; and the smallest and largest magnitude there."""
+    """Return the mean magnitude of the vector with the coefficients at w[scratch] between the
+    fractions ``low`` and ``high`` of the step, by the Gauss-Lobatto rule of five points; and the
+    smallest and the largest magnitude at these points."""
     total, smallest, largest = 0.0, math.inf, 0.0
     for i in range(5):
         size = size_at(low + _NODE[i] * (high - low), w, scratch)
@@ -176,9 +184,12 @@ def _mean(low, high, w, scratch):
 
 @routine
 def _halved(tolerance, w, scratch):
-    """Mean magnitude (`_mean`) over the step, by halving each interval until the means of its
-    halves agree with its own to ``tolerance``, and the magnitude is not near zero in it or too
-    small to matter. A corner takes about twenty halvings; the limit is _HALVINGS."""
+    """Return the mean magnitude over the step of the vector with the coefficients at w[scratch].
+
+    An interval is halved until the means of its halves agree with its own (`_mean`) to
+    ``tolerance`` of the mean over the step, and the magnitude in it does not come near zero or is
+    too small to matter. A corner takes about twenty halvings; the limit is _HALVINGS.
+    """
     noinline()
     total, low, width, budget = 0.0, 0.0, 1.0, _HALVINGS
     estimate = _mean(0.0, 1.0, w, scratch)[0]
@@ -205,8 +216,8 @@ def _halved(tolerance, w, scratch):
 
 @routine
 def put_sizes(nodes, stride, w, sizes):
-    """Store the magnitudes of a vector at the nodes from w[sizes] on. Returns the largest, and the
-    number of the first node that has it."""
+    """Compute the magnitudes of a vector at the nodes and store them from w[sizes] on. Returns the
+    largest magnitude, and the number, from 0, of the first node that has it."""
     largest, node = 0.0, 0
     for i in range(COUNT):
         k = nodes + i * stride
@@ -223,7 +234,7 @@ def magnitude(a):
 
 @formula
 def _weighted(weights, values):
-    """Weighted sum of the numbers at the nodes (tuples of 8)."""
+    """Return the sum of ``weights`` times ``values`` over the nodes (both tuples of 8 numbers)."""
     start = weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2]
     middle = start + weights[3] * values[3] + weights[4] * values[4] + weights[5] * values[5]
     return middle + weights[6] * values[6] + weights[7] * values[7]
@@ -231,7 +242,8 @@ def _weighted(weights, values):
 
 @formula
 def _combined(weights, nodes):
-    """Weighted sum of the vectors at the nodes (8 tuples of 3)."""
+    """Return the weighted sum of the vectors at the nodes: ``weights`` is a tuple of 8 numbers,
+    ``nodes`` one of 8 vectors (tuples of 3)."""
     a, b, c, d, e, f, g, h = nodes
     return (
         _weighted(weights, (a[0], b[0], c[0], d[0], e[0], f[0], g[0], h[0])),
@@ -242,8 +254,8 @@ def _combined(weights, nodes):
 
 @formula
 def size_between(point, nodes):
-    """Magnitude at a point of the rule of Gauss and Kronrod, from the vectors at the nodes (8
-    tuples of 3)."""
+    """Return the magnitude of the vector at a point (number 0 to 14) of the rule of Gauss and
+    Kronrod, interpolated from the vectors at the nodes (8 tuples of 3)."""
     weights = (
         BETWEEN[point, 0],
         BETWEEN[point, 1],
@@ -259,28 +271,29 @@ def size_between(point, nodes):
 
 @formula
 def truncation(nodes):
-    """Largest magnitude of the last coefficients of the components, from the vectors at the nodes
-    (8 tuples of 3)."""
+    """Return the size of the largest of the last coefficients of the three components, a measure of
+    the truncation error, from the vectors at the nodes (8 tuples of 3)."""
     return largest3(_combined(_LAST, nodes))
 
 
 @formula
 def _smaller(a, b):
-    """Smaller of two numbers."""
+    """Return the smaller of two numbers; b if one of them is NaN."""
     return a if a < b else b
 
 
 @formula
 def _higher(largest, theta, size, node):
-    """Largest magnitude and where it is, ``theta``, after one more, which is at ``node``: fractions
-    of the step or numbers of nodes."""
+    """Include one more magnitude, ``size`` at ``node``, in the largest magnitude so far, which is
+    at ``theta``. Returns the largest magnitude and where it is. Both places are given as fractions
+    of the step, or both as numbers of nodes."""
     is_larger = size > _SAME * largest
     return size if is_larger else largest, node if is_larger else theta
 
 
 @formula
 def _is_inner_summit(previous, current, following):
-    """1 if the magnitude at a node is higher than at its neighbours, else 0."""
+    """Return 1.0 if the magnitude at a node is higher than at its neighbours, else 0.0."""
     rises = 1.0 if current > previous else 0.0
     rises = rises if current >= following else 0.0
     return rises if current > _SAME * _smaller(previous, following) else 0.0
@@ -288,14 +301,16 @@ def _is_inner_summit(previous, current, following):
 
 @formula
 def _is_end_summit(end, inner, slope):
-    """1 if the magnitude rises from an end, with this slope, into the step, else 0."""
+    """Return 1.0 if the magnitude rises from an end of the step into it, else 0.0: ``end`` and
+    ``inner`` are its values at the end and at the next node, ``slope`` is its slope at the end."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
 
 
 @formula
 def _has_summit(a, b, c, d, e, f, g, h):
-    """Positive if a peak is next to any node, from the magnitudes at the nodes, else 0."""
+    """Return a positive number if the magnitude has a peak next to any node, else 0.0; ``a`` to
+    ``h`` are the magnitudes at the nodes."""
     start, end = (
         _weighted(_START_SLOPE, (a, b, c, d, e, f, g, h)),
         _weighted(_END_SLOPE, (a, b, c, d, e, f, g, h)),
@@ -307,7 +322,8 @@ def _has_summit(a, b, c, d, e, f, g, h):
 
 @formula
 def update_by_nodes(nodes, fine, coarse, record, related, t, h):
-    """Peak and integral of a magnitude after a step, from what is known at the nodes: vectorised.
+    """Update the peak and the integral over time of a magnitude with a step, as far as the values
+    at the nodes allow it. It has no branches, so that loops over lanes are vectorised.
 
     Parameters
     ----------
@@ -316,20 +332,20 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
     fine, coarse : float
         Mean magnitude over the step by the rules of Kronrod and Gauss.
     record : tuple of 3 floats
-        Peak, its time, s, and integral before the step.
+        Peak, its time, s, and integral over time, before the step.
     related : float
-        Peak of the related quantity with the same kind of round-off: of the force for a moment, and
-        vice versa.
+        Peak so far of the related quantity with the same kind of round-off: of the force for a
+        moment, and vice versa.
     t, h : float
         Start and length of the step, s. A step of no length changes nothing.
 
     Returns
     -------
     record : tuple of 3 floats
-        After the step.
+        Peak, its time and integral after the step.
     tolerance : float
-        Of the mean magnitude, if the integral lacks this step, since the magnitude may have a
-        corner: `update_between` must add it. Else 0.
+        Above 0 if the integral still lacks this step, since the magnitude may have a corner in it:
+        `update_between` must add the step, with this tolerance of the mean magnitude. Else 0.
     has_summit : float
         1 if a peak may be between the nodes: `update_between` must search for it. Else 0.
     """
@@ -377,7 +393,8 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
 
 @routine
 def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
-    """Update the peak and integral of the magnitude of a vector by what is between the nodes.
+    """Complete the update of the peak and the integral of the magnitude of a vector with a step, in
+    one lane, by what `update_by_nodes` found to be missing between the nodes.
 
     Parameters
     ----------
@@ -389,9 +406,10 @@ def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
     scratch : int
         Position of PEAK_SCRATCH scratch numbers.
     out : int
-        Position of the peak, then of its time, s, and of the integral over time, LANES apart.
+        Position of three numbers, LANES apart, that are updated: the peak, its time, s, and the
+        integral over time.
     tolerance, has_summit : float
-        See `update_by_nodes`.
+        Results of `update_by_nodes` for the step.
     t, h : float
         Start and length of the step, s.
     """
@@ -406,8 +424,8 @@ def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
 
 @routine
 def update_peak(w, nodes, stride, scratch, out, t, h):
-    """Update the peak of the magnitude of a vector and its time with a step, in one lane, without
-    the integral; arguments as in `update_between`."""
+    """Update the peak of the magnitude of a vector, and its time, with a step, in one lane: at the
+    nodes and between them, but without the integral. Arguments as in `update_between`."""
     noinline()
     sizes = scratch + 3 * COUNT
     largest, node = put_sizes(nodes, stride, w, sizes)
@@ -420,22 +438,22 @@ def update_peak(w, nodes, stride, scratch, out, t, h):
 
 @routine
 def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
-    """Update, with a step, the minimum ratio of the force that drives a guide apart to the sum of
-    its pin loads if friction balanced that force.
+    """Update with a step, in one lane, the minimum of a ratio of a guide: the force that drives it
+    apart, over the sum of the loads that its pins have if friction balances that force.
 
     Parameters
     ----------
     w : array
         Workspace.
     nodes, stride : int
-        As in `update_between`. A node has the separating force and two zeros, then the vector (0,
-        y, z) of the load of each pin end.
+        As in `update_between`. A node has 1 + ``ends`` vectors: the separating force and two zeros,
+        then (0, y, z), the load of each pin end.
     ends : int
         Number of pin ends: two for each pin.
     scratch : int
-        Position of scratch numbers: coefficients of all vectors, and a number at each node.
+        Position of scratch numbers: the coefficients of all vectors, and a number for each node.
     out : int
-        Position of the minimum.
+        Position of the minimum so far, which is updated.
     """
     noinline()
     ratios = scratch + 3 * COUNT * (1 + ends)
@@ -461,7 +479,7 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
 @routine
 def set_coefficients(nodes, stride, w, scratch):
     """Compute the Chebyshev coefficients of the three components of a vector from their values at
-    the nodes, to w[scratch]."""
+    the nodes, and store them from w[scratch] on, component by component."""
     noinline()
     for component in range(3):
         for j in range(COUNT):
@@ -473,8 +491,9 @@ def set_coefficients(nodes, stride, w, scratch):
 
 @routine
 def rises(sizes, w, i):
-    """Return True if a peak is next to node ``i``: its magnitude is higher than those of its
-    neighbours or, for the first and last node, rises from the end into the step."""
+    """Return True if the magnitude has a peak next to node ``i``, from its values at the nodes at
+    w[sizes]: it is higher there than at both neighbours or, for the first and the last node, rises
+    from the end into the step."""
     if 0 < i < COUNT - 1:
         return _is_inner_summit(w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]) > 0.0
     first, step, slope = (sizes, 1, 0.0) if i == 0 else (sizes + COUNT - 1, -1, 0.0)
@@ -485,7 +504,7 @@ def rises(sizes, w, i):
 
 @routine
 def _any_rises(sizes, w):
-    """Return True if a peak is next to any node (`rises`)."""
+    """Return True if the magnitude has a peak next to any node (`rises`)."""
     for i in range(COUNT):
         if rises(sizes, w, i):
             return True
@@ -494,8 +513,8 @@ def _any_rises(sizes, w):
 
 @routine
 def _note_summits(sizes, w, scratch, out, t, h):
-    """Update the peak and its time at w[out] with the peaks between nodes of a step that starts at
-    t and lasts h, s."""
+    """Search the peaks of the magnitude between the nodes of a step, from t to t + h, s, and update
+    with them the peak and its time, at w[out] and w[out + LANES]."""
     noinline()
     for i in range(COUNT):
         if rises(sizes, w, i):

@@ -1,10 +1,10 @@
-"""Tables as piecewise cubics on a grid of up to three axes.
+"""Tables of one or more functions as piecewise cubics on a grid of up to three axes.
 
-A pack is stored in a flat array as ``sepmc.kernel.spec.splines`` writes it: the number of
-functions; for each of three axes its number of spans q, q + 1 breaks and, for each span, four basis
-functions as cubics in the distance from the span's start; the coefficients, the last axis fastest,
-the functions side by side. An axis of one point has no span and one coefficient, the others have q
-+ 3.
+The data of a table, its pack, are stored in a flat array as ``sepmc.kernel.spec.splines`` writes
+it: the number of functions; for each of three axes its number of spans q (intervals between
+breaks), its q + 1 breaks and, for each span, four basis functions as cubics in the distance from
+the span's start; then the coefficients, the last axis fastest, the functions side by side. An axis
+of one point has no span and one coefficient, the others have q + 3. A cell is a span of each axis.
 """
 
 import math
@@ -16,8 +16,8 @@ from sepmc.routines.lanes import LANES
 
 @long_formula
 def in_cell(w, cell, x, y, z):
-    """Return True if the point (x, y, z), in the units of the axes, is in the cell that a lane has
-    loaded at w[cell]."""
+    """Return True if the point (x, y, z), in the units of the axes, is in the cell that `load_cell`
+    has last loaded for a lane at w[cell]."""
     return (
         w[cell] <= x < w[cell + LANES]
         and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES]
@@ -27,27 +27,27 @@ def in_cell(w, cell, x, y, z):
 
 @long_formula
 def load_cell(w, cell, at, x, y, z):
-    """Load the cell of a pack that contains a point into the workspace of a lane.
+    """Load, for one lane, the data of the cell of a pack that contains a point into the workspace.
 
-    Data of an axis are copied only if its span changes; those of a lane without a cell start at
-    infinity. An axis of one point has no ends.
+    The data of an axis are copied only if its span has changed. At first the start of each span in
+    the cell must be infinite, which means that no cell is loaded. An axis of one point has no ends.
 
     Parameters
     ----------
     w : array
         Workspace.
     cell : int
-        Position of the cell's data (`layout.CELL_ENDS`, ...).
+        Position in w of the cell's data for the lane, LANES apart (`layout.CELL_ENDS`, ...).
     at : int
-        Position of the pack.
+        Position in w of the pack.
     x, y, z : float
         The point, in the units of the axes.
 
     Returns
     -------
     bool
-        False if the point is outside (an end is inside); the coefficients are then NaN. True for
-        NaN.
+        False if the point is outside the grid (its ends are inside); the coefficients are then set
+        to NaN. They are NaN, too, but the result is True, if a coordinate is NaN.
     """
     noinline()
     functions, inside = int(w[at]), True
@@ -99,8 +99,9 @@ def load_cell(w, cell, at, x, y, z):
 
 @routine
 def _span(numbers, axis, x):
-    """Number (from 0) of the span of an axis that contains x; the first or the last span for x
-    beyond the ends. ``axis`` is the position of the data of the axis in ``numbers``."""
+    """Return the number, from 0, of the span of an axis that contains ``x``; the first or the last
+    span if x is beyond the ends. ``axis`` is the position in ``numbers`` of the data of the
+    axis."""
     low, high = 0, int(numbers[axis])
     while high - low > 1:
         middle = (low + high) // 2
@@ -113,11 +114,12 @@ def _span(numbers, axis, x):
 
 @routine
 def _coefficients(numbers, axis):
-    """Number of coefficients along the axis whose data start at ``axis``."""
+    """Return the number of coefficients along the axis whose data start at numbers[axis]."""
     return int(numbers[axis]) + 3 if numbers[axis] > 0.0 else 1
 
 
 @routine
 def _after(numbers, axis):
-    """Position in ``numbers`` just after the data of the axis that starts at ``axis``."""
+    """Return the position in ``numbers`` just after the data of the axis that start at
+    numbers[axis]."""
     return axis + 2 + 17 * int(numbers[axis])

@@ -1,6 +1,7 @@
-"""Compiler of kernels: from the Python text of their functions to machine code, by LLVM.
+"""Compiler of kernels: translates the Python source of their functions to LLVM assembly, which LLVM
+compiles to machine code.
 
-Numba infers types and lowers bytecode in Python, which took four fifths of the time to compile a
-kernel. What kernels are written in needs less: types follow from the arguments of a function in one
-pass over its syntax tree, which writes LLVM's assembly.
+Kernels use a small subset of Python. The types of all values in a function follow from the types of
+its arguments, so one pass over its syntax tree writes the assembly. Numba, which compiles any
+bytecode, spends four fifths of the compile time of a kernel on type inference and lowering.
 """

@@ -1,4 +1,4 @@
-"""Machine code of compile units, by LLVM."""
+"""Compilation, by LLVM, of compile units: functions of a kernel that are compiled separately."""
 
 import ast
 from functools import cache
@@ -13,24 +13,27 @@ ENTRY = "entry"  # name of the function of every compile unit
 
 
 def compile_text(text: str, symbol: str) -> bytes:
-    """Object file of a compile unit.
+    """Compile a compile unit to an object file.
 
     Parameters
     ----------
     text : str
-        Source of a module with the function `ENTRY`, decorated with `units.compile_unit`.
+        Python source of a module with the function `ENTRY`, decorated with `units.compile_unit`
+        (`sepmc.kernel.emit.compile_units` writes it).
     symbol : str
         Name of that function in the object file.
 
     Returns
     -------
     bytes
+        Content of the object file, for the processor of `target_machine`.
     """
     return target_machine().emit_object(optimised(assembly(text, symbol)))
 
 
 def assembly(text: str, symbol: str) -> str:
-    """LLVM's assembly of a compile unit, not optimised; arguments as in `compile_text`."""
+    """Translate a compile unit to the text of a module in LLVM assembly, not optimised; arguments
+    as in `compile_text`."""
     source, module = unit_source(text, ENTRY), Module()
     mark = source.node.decorator_list[0]
     assert isinstance(mark, ast.Call)
@@ -40,7 +43,8 @@ def assembly(text: str, symbol: str) -> str:
 
 @cache
 def target_machine() -> binding.TargetMachine:
-    """Processor that code is compiled for."""
+    """Return LLVM's code generator for the processor named in `sepmc.code_cache`; every call
+    returns the same object."""
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     target = binding.Target.from_default_triple()
@@ -51,7 +55,8 @@ def target_machine() -> binding.TargetMachine:
 
 
 def optimised(text: str) -> binding.ModuleRef:
-    """Module in LLVM's assembly, verified and optimised."""
+    """Parse a module in LLVM assembly, verify it and optimise it for the processor of
+    `target_machine`; return the module. Raises RuntimeError if the assembly is not valid."""
     machine = target_machine()
     module = binding.parse_assembly(text)
     module.triple = binding.get_process_triple()

@@ -1,7 +1,8 @@
-"""Translation of a function, from its syntax tree to LLVM's assembly.
+"""Translation of a function, from its syntax tree to LLVM assembly.
 
-The language is what kernels, formulas and routines are written in: numbers, tuples, arrays, loops
-over ranges, branches; types follow from the arguments. A variable has one type.
+The language is the subset of Python that kernels, formulas and routines are written in: numbers,
+tuples, arrays, loops over ranges and tuples, `while`, branches, calls. Types follow from those of
+the arguments. A variable that branches or loops assign keeps the type of its first value.
 """
 
 import ast
@@ -42,19 +43,30 @@ _ERRORS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
 
 class TranslationError(TypeError):
-    """The source of a function is not in the language that can be translated."""
+    """A function uses Python that cannot be translated. The argument is the message, with the name
+    of the function and the line."""
 
 
 class Function(Writer):
-    """A function in translation.
+    """Function of Python translated to LLVM; creating the object translates the whole function.
+
+    Afterwards ``lines`` has its instructions, ``result`` the value that it returns, and
+    ``noinline`` is true if it must not be inlined. `define` then adds it to the module.
 
     Parameters
     ----------
     source : Source
     arguments : tuple
-        Values of its arguments.
+        Value (`sepmc.translator.values`) of each argument.
     module : sepmc.translator.module.Module
-        Where it stands, with the functions that it calls.
+        Module that gets the functions that this one calls, and this one by `define`.
+
+    Raises
+    ------
+    TranslationError
+        If a statement or expression cannot be translated.
+    TypeError
+        If the number of arguments is not that of the function.
     """
 
     def __init__(self, source: Source, arguments: tuple[Any, ...], module: Any):
@@ -69,7 +81,9 @@ class Function(Writer):
         self.noinline = False
         names = [argument.arg for argument in source.node.args.args]
         if len(names) != len(arguments):
-            raise TypeError(f"{source.node.name} takes {len(names)} arguments")
+            raise TypeError(
+                f"{source.node.name} takes {len(names)} arguments; this call has another number"
+            )
         for name, value in zip(names, arguments, strict=True):
             self._assign_name(name, value)
         self._body(source.body)
@@ -90,7 +104,7 @@ class Function(Writer):
             if method is None:
                 raise self._fail(line, f"{type(line).__name__} cannot be translated")
             if getattr(line, "orelse", None) and not isinstance(line, ast.If):
-                raise self._fail(line, "a loop has no else")
+                raise self._fail(line, "a loop has no else here")
             try:
                 method(line)
             except TranslationError:
@@ -132,7 +146,9 @@ class Function(Writer):
             element, pointer = self._element(target)
             self._store(value, element, pointer)
         else:
-            raise self._fail(target, "no such target")
+            raise self._fail(
+                target, "an assignment must be to a name, a tuple of targets or an array element"
+            )
 
     def _store(self, value: Number, element: str, pointer: Number) -> None:
         number = self.converted(value, element)
@@ -172,11 +188,14 @@ class Function(Writer):
         try:
             return getattr(builtins, node.id)
         except AttributeError:
-            raise self._fail(node, f"unknown name {node.id}") from None
+            raise self._fail(
+                node, f"unknown name {node.id}: no variable, global name or builtin of Python"
+            ) from None
 
     def lift(self, value: Any) -> Any:
-        """Value of an object of Python: a number, a tuple of numbers or an array is a constant;
-        anything else stays as it is."""
+        """Return the value of a Python object that the function reads as a global: numbers, tuples
+        of them and NumPy arrays become constants; other objects, such as functions, are returned
+        unchanged."""
         if isinstance(value, bool | int | float | np.floating):
             return constant(value)
         if isinstance(value, tuple) and not hasattr(value, "_fields"):
@@ -234,8 +253,8 @@ class Function(Writer):
         self.begin(after)
 
     def _round(self, line: ast.For | ast.While, following: str, after: str) -> None:
-        """Translate a round of a loop, which goes on at the label ``following``, or ends at the
-        label ``after``."""
+        """Translate the body of a loop. ``following`` is the label at which the next iteration
+        begins, ``after`` the label behind the loop: the targets of `continue` and `break`."""
         self.loops.append((following, after))
         self._body(line.body)
         self.loops.pop()
@@ -247,7 +266,7 @@ class Function(Writer):
             return
         items = self.value(line.iter)
         if not isinstance(items, tuple):
-            raise self._fail(line, "loops are over ranges and tuples")
+            raise self._fail(line, "a `for` loop must go over a range or a tuple")
         after = self.label()
         for item in items:
             following = self.label()
@@ -258,7 +277,8 @@ class Function(Writer):
         self.begin(after)
 
     def _range(self, line: ast.For, limits: list[Number]) -> None:
-        """Translate a loop over a range with a known step."""
+        """Translate a loop over a range, given by the one to three arguments ``limits`` of the
+        range; its step must be known."""
         limits = [self.converted(limit, INT) for limit in limits]
         first, last, step = {
             1: lambda: (_ZERO_I, limits[0], 1),
@@ -295,7 +315,7 @@ class Function(Writer):
     # Expressions
 
     def value(self, node: ast.expr) -> Any:
-        """Translate an expression; return its value."""
+        """Translate an expression: add the instructions that compute it, and return its value."""
         method: Callable[[Any], Any] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._fail(node, f"{type(node).__name__} cannot be translated")
@@ -306,7 +326,7 @@ class Function(Writer):
 
     def _constant(self, node: ast.Constant) -> Any:
         if not isinstance(node.value, bool | int | float):
-            raise self._fail(node, f"constant {node.value!r}")
+            raise self._fail(node, f"constant {node.value!r}: must be a number or a truth value")
         return constant(node.value)
 
     def _tuple(self, node: ast.Tuple) -> tuple[Any, ...]:
@@ -330,7 +350,7 @@ class Function(Writer):
             return self.emit(INT, f"load i64, ptr {pointer.text}")
         if isinstance(owner, ModuleType):
             return self.lift(getattr(owner, node.attr))
-        raise self._fail(node, f"no attribute {node.attr}")
+        raise self._fail(node, f"no attribute {node.attr} can be translated for this value")
 
     def _subscript(self, node: ast.Subscript) -> Any:
         owner = self.value(node.value)
@@ -345,7 +365,8 @@ class Function(Writer):
         return self.emit(element, f"load {element}, ptr {pointer.text}")
 
     def _dynamic(self, items: tuple[Any, ...], index: Number) -> Number:
-        """Item of a tuple of numbers at an index that is not known."""
+        """Return the item of a tuple of numbers at an index that only running code knows: the
+        tuple is put into memory. All items become numbers of one type."""
         items = tuple(self._alike(*items))
         kind = items[0].kind
         if all(item.constant is not None for item in items):
@@ -360,16 +381,19 @@ class Function(Writer):
         return self.emit(kind, f"load {kind}, ptr {self.emit(POINTER, text).text}")
 
     def _element(self, node: ast.Subscript, owner: Any = None) -> tuple[str, Number]:
-        """Type of an array's elements, and a pointer to one."""
+        """Translate the element that a subscript addresses, in the array ``owner`` (by default the
+        value of the subscripted expression). Returns the element type and a pointer to it."""
         array = self.value(node.value) if owner is None else owner
         if not isinstance(array, Array):
-            raise self._fail(node, "no array")
+            raise self._fail(node, "the subscripted value is no array and no tuple")
         keys = self.value(node.slice)
         keys = keys if isinstance(keys, tuple) else (keys,)
         if len(keys) != max(1, len(array.shape)) or any(key.kind != INT for key in keys):
-            raise self._fail(node, "the indices of an array are a whole number for each axis")
+            raise self._fail(node, "the indices of an array must be a whole number for each axis")
         if any(key.constant is not None and key.constant < 0 for key in keys):
-            raise self._fail(node, "an index of an array counts from its first element")
+            raise self._fail(
+                node, "an index of an array counts from its first element, so it must not be < 0"
+            )
         place = keys[0]
         for key, size in zip(keys[1:], array.shape[1:], strict=True):
             place = operations.add_int(self, operations.multiply_int(self, place, size), key)
@@ -382,13 +406,14 @@ class Function(Writer):
             return operations.negation(self, operations.truth(self, value))
         if isinstance(node.op, ast.USub):
             return operations.minus(self, value)
-        raise self._fail(node, "no such operation")
+        raise self._fail(node, "of the unary operators only `-` and `not` can be translated")
 
     def _binop(self, node: ast.BinOp) -> Any:
         return self.operate(node.op, self.value(node.left), self.value(node.right))
 
     def operate(self, op: ast.operator, left: Any, right: Any) -> Any:
-        """Result of an arithmetic operation."""
+        """Translate an arithmetic operation on two numbers, given by its node of the syntax tree,
+        or the concatenation (``op`` is ``ast.Add()``) of two tuples; return the result."""
         if isinstance(left, tuple) and isinstance(op, ast.Add):
             return left + right
         return operations.arithmetic(self, op, left, right)
@@ -427,8 +452,11 @@ class Function(Writer):
     def _connected(
         self, tests: Iterable[Callable[[], Number]], wanted: bool, simple: bool
     ) -> Number:
-        """Conjunction of tests (``wanted`` True) or disjunction; a later test is evaluated only if
-        it matters, unless all are ``simple``."""
+        """Translate `and` (``wanted`` True) or `or` (False) of tests; return the truth value.
+
+        Each test is a function that translates it when called. The running code evaluates a test
+        only if those before it leave the result open; but all tests if ``simple`` is true.
+        """
         first, *rest = tests
         value = first()
         if simple:
@@ -478,12 +506,13 @@ class Function(Writer):
         before = len(self.lines)
         pairs = zip(*(leaves(value) for value in self._alike(*values)), strict=True)
         if len(self.lines) > before:
-            raise self._fail(node, "both values must have the same type")
+            raise self._fail(node, "both values of `a if test else b` must have the same type")
         numbers = [self.phi(list(zip(pair, blocks, strict=True))) for pair in pairs]
         return rebuilt(values[0], iter(numbers))
 
     def _alike(self, *values: Any) -> list[Any]:
-        """Values with numbers of the same types."""
+        """Convert values so that numbers at the same position in them have the same type; raises
+        TypeError if the values differ in structure."""
         require_alike(*values)
         rows = []
         for numbers in zip(*(leaves(value) for value in values), strict=True):
@@ -493,12 +522,14 @@ class Function(Writer):
         return [rebuilt(value, iter(column)) for value, column in zip(values, columns, strict=True)]
 
     def _is_simple(self, node: ast.expr) -> bool:
-        """Return True if an expression costs next to nothing and reads no array, so that it can be
-        evaluated although its value may not be needed."""
+        """Return True if an expression consists of cheap nodes only (`_is_cheap`). It may then be
+        evaluated even if its value turns out not to be needed, which saves a branch."""
         return all(self._is_cheap(part) for part in ast.walk(node))
 
     def _is_cheap(self, part: ast.AST) -> bool:
-        """Return True for names, constants, their comparisons and items of tuples."""
+        """Return True if a node of an expression costs next to nothing and reads no array: a name,
+        constant, unary operation, comparison, `and`, `or`, tuple, item of a tuple, or attribute of
+        a Python module."""
         owner = getattr(part, "value", None)
         if isinstance(part, ast.Attribute) and isinstance(owner, ast.Name):
             return isinstance(self.source.names.get(owner.id), ModuleType)
@@ -510,7 +541,7 @@ class Function(Writer):
     def _call(self, node: ast.Call) -> Any:
         function = self.value(node.func)
         if node.keywords:
-            raise self._fail(node, "arguments have no names here")
+            raise self._fail(node, "arguments have no names here: give them by position")
         arguments = self._tuple(ast.Tuple(node.args, ast.Load()))
         known = operations.CALLS.get(function)
         if known is not None:
@@ -526,7 +557,8 @@ class Function(Writer):
 
 
 def result_type(kinds: list[str]) -> str:
-    """Type of a result in LLVM, given the types of its leaves."""
+    """Return the LLVM type of a function's result, given the types of its leaves: void, the type of
+    a single leaf, or a struct type."""
     if not kinds:
         return "void"
     return kinds[0] if len(kinds) == 1 else "{ " + ", ".join(kinds) + " }"

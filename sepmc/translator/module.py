@@ -1,4 +1,5 @@
-"""Module of LLVM: a compile unit with all functions that it calls."""
+"""LLVM module of a compile unit: the assembly of its function and of all functions that it calls
+and that are not compile units themselves."""
 
 from typing import Any
 
@@ -24,7 +25,11 @@ _NUMPY = {np.dtype(np.float64): FLOAT, np.dtype(np.int64): INT}
 
 
 class Module:
-    """Functions that are translated together, each once for the types of its arguments."""
+    """LLVM module in the making: functions, declarations and constant arrays.
+
+    A function is translated once for each structure and types of its arguments (`values.form`);
+    unless it is general (`Source.general`), also once for each set of known integers in them.
+    """
 
     def __init__(self) -> None:
         self.functions: dict[Any, tuple[str, Any]] = {}  # name and result
@@ -33,13 +38,17 @@ class Module:
         self.arrays: dict[int, tuple[str, np.ndarray]] = {}
 
     def declare(self, line: str) -> None:
-        """Declare a function that is defined elsewhere."""
+        """Add the LLVM declaration of a function that the module calls and does not define; a line
+        that was added before is not repeated."""
         self.declarations[line] = None
 
     def constant_array(self, values: np.ndarray) -> Array:
-        """Array of numbers that are known."""
+        """Add a NumPy array to the module as constant data, once per array object; return its view.
+        Raises TypeError unless its elements are float64 or int64."""
         if values.dtype not in _NUMPY:
-            raise TypeError(f"an array of {values.dtype}")
+            raise TypeError(
+                f"a constant array of {values.dtype}: the elements must be float64 or int64"
+            )
         if id(values) not in self.arrays:
             name = f"@array{len(self.arrays)}"
             self.arrays[id(values)] = name, values
@@ -54,7 +63,9 @@ class Module:
         return Array(_NUMPY[values.dtype], Number(POINTER, name), shape)
 
     def call(self, caller: Writer, source: Source, arguments: tuple[Any, ...]) -> Any:
-        """Translate the call of a function; return its result."""
+        """Add instructions to ``caller`` that call the function of ``source``; return the value of
+        the call. If the module does not have the function yet for arguments of this structure and
+        these types, it is translated first."""
         key = (source, tuple(form(argument, not source.general) for argument in arguments))
         if key not in self.functions:
             self._translate(key, source, arguments)
@@ -88,8 +99,16 @@ class Module:
         self.functions[key] = name, function.result
 
     def entry(self, source: Source, name: str, codes: str) -> None:
-        """Translate the function of a compile unit: of a workspace and numbers, given by letters
-        (`sepmc.translator.units.compile_unit`)."""
+        """Translate the function of a compile unit into this module.
+
+        Parameters
+        ----------
+        source : Source
+        name : str
+            Name of the function in the object file.
+        codes : str
+            Types of its arguments after the workspace, as in `sepmc.translator.units.compile_unit`.
+        """
         kinds = [POINTER, *(TYPES[code] for code in codes)]
         passed = [Number(kind, f"%a{k}") for k, kind in enumerate(kinds)]
         values: list[Any] = [Array(FLOAT, passed[0])]
@@ -98,7 +117,7 @@ class Module:
         Function(source, tuple(values), self).define(f"void @{name}", passed)
 
     def text(self) -> str:
-        """LLVM's assembly of the module."""
+        """Return the LLVM assembly of the whole module."""
         return "\n".join([*self.declarations, *self.texts]) + "\n"
 
 
@@ -107,11 +126,13 @@ def _is_known(number: Number, source: Source) -> bool:
 
 
 def _passed(value: Any, source: Source) -> list[Number]:
-    """Leaves of arguments that are passed; others are known in the function."""
+    """Return the leaves of the arguments ``value`` that become parameters in LLVM. Known integers
+    are left out, as they are constants in the function, unless the function is general."""
     return [leaf for leaf in leaves(value) if not _is_known(leaf, source)]
 
 
 def _received(value: Any, parameters: Any, source: Source) -> Any:
-    """Argument inside a function, with parameters for the leaves that are passed."""
+    """Return the arguments ``value`` as the called function sees them: leaves of `_passed` are
+    replaced by the next items of the iterator ``parameters``, known integers stay."""
     known = (leaf if _is_known(leaf, source) else next(parameters) for leaf in leaves(value))
     return rebuilt(value, known)

@@ -1,7 +1,9 @@
 """Operations of translated code: arithmetic, comparisons, functions of numbers, views of arrays.
 
-Every floating-point operation may be contracted to a fused multiply-add, nothing else: NaN and
-infinities must survive to be reported.
+Every function here adds instructions to ``f``, a `sepmc.translator.functions.Function` in
+translation, and returns the result as a value; most add none if the result is known already.
+LLVM may contract floating-point operations to fused multiply-adds, but not change them otherwise:
+NaN and infinities must survive to be reported.
 """
 
 import ast
@@ -54,21 +56,22 @@ _PYTHON_TESTS: dict[type, Any] = {
 
 
 def truth(f: Any, value: Any) -> Number:
-    """Truth value of a number."""
+    """Add to ``f`` the code that makes a number a truth value: true unless it equals 0. Returns
+    the truth value."""
     if value.kind == BOOL:
         return value
     return comparison(f, ast.NotEq(), value, constant(0))
 
 
 def negation(f: Any, value: Number) -> Number:
-    """Opposite of a truth value."""
+    """Add to ``f`` the code of `not value`, of a truth value; return the result."""
     if value.constant is not None:
         return constant(not value.constant)
     return f.emit(BOOL, f"xor i1 {value.text}, true")
 
 
 def minus(f: Any, value: Number) -> Number:
-    """Negative of a number."""
+    """Add to ``f`` the code of `-value`; return the result, an integer for a truth value."""
     if value.constant is not None:
         return constant(-value.constant)
     if value.kind == FLOAT:
@@ -77,23 +80,28 @@ def minus(f: Any, value: Number) -> Number:
 
 
 def add_int(f: Any, a: Number, b: Number) -> Number:
-    """Sum of two whole numbers."""
+    """Add to ``f`` the code of `a + b`, of two integers; return the result."""
     return arithmetic(f, ast.Add(), a, b)
 
 
 def multiply_int(f: Any, a: Number, b: Number) -> Number:
-    """Product of two whole numbers."""
+    """Add to ``f`` the code of `a * b`, of two integers; return the result."""
     return arithmetic(f, ast.Mult(), a, b)
 
 
 def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
-    """Result of an operation on two numbers."""
+    """Add to ``f`` the code of a binary operation of Python on two numbers, given by its node of
+    the syntax tree (``ast.Add()``); return the result. Raises TypeError for an operation or types
+    that cannot be translated."""
     special = _SPECIAL.get(type(op))
     if special is not None:
         result: Number = special(f, left, right)
         return result
     if type(op) not in _PYTHON:
-        raise TypeError(f"no operation {type(op).__name__}")
+        raise TypeError(
+            f"no operation {type(op).__name__}: must be one of + - * / // % ** and, for truth "
+            "values, & |"
+        )
     kind = FLOAT if isinstance(op, ast.Div) else _numeric_kind(left, right)
     a, b = f.converted(left, kind), f.converted(right, kind)
     known = a.constant is not None and b.constant is not None
@@ -107,7 +115,8 @@ def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
 
 
 def _numeric_kind(a: Number, b: Number) -> str:
-    """Type of the result of arithmetic with two numbers."""
+    """Return the type, INT or FLOAT, of the result of arithmetic with two numbers. Raises TypeError
+    for two truth values."""
     kind = common_kind(a, b)
     if kind == BOOL:
         raise TypeError("no arithmetic with truth values")
@@ -115,14 +124,16 @@ def _numeric_kind(a: Number, b: Number) -> str:
 
 
 def _bits(name: str, f: Any, left: Number, right: Number) -> Number:
-    """Truth value from two that are both evaluated."""
+    """Add to ``f`` the code of `left | right` (``name`` "or") or `left & right` ("and"), of two
+    truth values; return the result. Raises TypeError for other numbers."""
     if left.kind != BOOL or right.kind != BOOL:
-        raise TypeError(f"bitwise {name} is for truth values")
+        raise TypeError(f"bitwise {name} is for truth values, not for numbers")
     return f.emit(BOOL, f"{name} i1 {left.text}, {right.text}")
 
 
 def _power(f: Any, base: Number, exponent: Number) -> Number:
-    """Power of a number: products for a known whole exponent."""
+    """Add to ``f`` the code of `base**exponent`: multiplications if the exponent is a known integer
+    above 0, else a call of LLVM's ``pow``. Returns the result."""
     if base.constant is not None and exponent.constant is not None:
         return constant(base.constant**exponent.constant)
     if exponent.kind == INT and exponent.constant is not None and exponent.constant > 0:
@@ -139,7 +150,8 @@ def _power(f: Any, base: Number, exponent: Number) -> Number:
 
 
 def _remainder(f: Any, a: Number, b: Number) -> Number:
-    """Remainder with the sign of the divisor, as Python's."""
+    """Add to ``f`` the code of `a % b`; return the result, which has the sign of the divisor, as in
+    Python."""
     kind = _numeric_kind(a, b)
     a, b = f.converted(a, kind), f.converted(b, kind)
     zero = constant(0 if kind == INT else 0.0)
@@ -155,18 +167,24 @@ def _remainder(f: Any, a: Number, b: Number) -> Number:
 
 
 def _quotient(f: Any, a: Number, b: Number) -> Number:
-    """Whole quotient, rounded down."""
+    """Add to ``f`` the code of `a // b`, of two integers; return the result, rounded down as in
+    Python."""
     if _numeric_kind(a, b) != INT:
-        raise TypeError("// is for whole numbers")
+        raise TypeError("// is for whole numbers, not for floats")
     a, b = f.converted(a, INT), f.converted(b, INT)
     rest = _remainder(f, a, b)
     return f.emit(INT, f"sdiv i64 {arithmetic(f, ast.Sub(), a, rest).text}, {b.text}")
 
 
 def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
-    """Truth value of a comparison of two numbers."""
+    """Add to ``f`` the code of a comparison of two numbers, given by its node of the syntax tree
+    (``ast.Lt()``); return the truth value. Raises TypeError for a comparison that cannot be
+    translated, such as ``is``."""
     if type(op) not in _PYTHON_TESTS:
-        raise TypeError(f"no comparison {type(op).__name__}")
+        raise TypeError(
+            f"no comparison {type(op).__name__}: must be one of < <= > >= == != and, for items of "
+            "a tuple, in"
+        )
     if left.constant is not None and right.constant is not None:
         return constant(_PYTHON_TESTS[type(op)](left.constant, right.constant))
     kind = common_kind(left, right)
@@ -179,13 +197,14 @@ def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
 
 
 def is_in(f: Any, value: Number, items: tuple[Number, ...]) -> Number:
-    """Truth value of equality with any item."""
+    """Add to ``f`` the code of `value in items`, of a tuple of numbers; return the truth value."""
     tests = [comparison(f, ast.Eq(), value, item) for item in items]
     return reduce(lambda a, b: connected(f, a, b, False), tests)
 
 
 def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
-    """Conjunction (``both``) or disjunction of two truth values."""
+    """Add to ``f`` the code of `a and b` if ``both`` is true, else of `a or b`, of two truth values
+    that have both been evaluated; return the result."""
     if a.constant is not None:
         return b if a.constant == both else a
     if b.constant is not None and b.constant == both:
@@ -195,7 +214,8 @@ def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
 
 
 def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
-    """One of two numbers of the same type."""
+    """Add to ``f`` the code of `yes if test else no`, of two numbers of the same type that have
+    both been evaluated; return the result."""
     if yes.text == no.text:
         return yes
     text = f"select i1 {test.text}, {yes.kind} {yes.text}, {no.kind} {no.text}"
@@ -206,7 +226,8 @@ def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
 
 
 def _intrinsic(f: Any, name: str, *numbers: Number) -> Number:
-    """Call of a function of floats that LLVM knows."""
+    """Add to ``f`` a call of LLVM's function ``llvm.NAME.f64`` with numbers, converted to floats;
+    return the result."""
     operands = ", ".join(f"double {f.converted(number, FLOAT).text}" for number in numbers)
     f.module.declare(f"declare double @llvm.{name}.f64({', '.join(['double'] * len(numbers))})")
     return f.emit(FLOAT, f"call {_FLAG} double @llvm.{name}.f64({operands})")
@@ -228,10 +249,12 @@ def _abs(f: Any, x: Number) -> Number:
 
 
 def _extreme(op: ast.cmpop, f: Any, *numbers: Number) -> Number:
-    """Largest or smallest number, as Python's: the first of those that no other exceeds."""
+    """Add to ``f`` the code of `max(...)` if ``op`` is ``ast.Gt()``, of `min(...)` if ``ast.Lt()``;
+    return the result. As in Python, it is the first of equal numbers, and a NaN replaces no number
+    before it."""
 
     if len(numbers) < 2:
-        raise TypeError("min and max are of two or more numbers")
+        raise TypeError("min and max take two or more numbers, not one number or a tuple")
 
     def better(best: Number, other: Number) -> Number:
         kind = common_kind(best, other)
@@ -254,7 +277,8 @@ def _int(f: Any, x: Number) -> Number:
 
 
 def _rounded(name: str, f: Any, x: Number) -> Number:
-    """Whole number from `math.floor` or `math.ceil`."""
+    """Add to ``f`` the code of `math.floor(x)` or `math.ceil(x)` (``name`` "floor", "ceil"); return
+    the result, an integer."""
     return _int(f, _intrinsic(f, name, x))
 
 
@@ -268,7 +292,8 @@ def _isfinite(f: Any, x: Number) -> Number:
 
 
 def _power_of_two(f: Any, k: Number) -> Number:
-    """The bits of the exponent, shifted into position."""
+    """Add to ``f`` the code of 2 to the power of ``k``, a whole number given as a float, which sets
+    the bits of the exponent; return the result."""
     shifted = f.emit(FLOAT, f"fadd double {k.text}, {constant(1023.0).text}")
     bits = f.emit(INT, f"shl i64 {_int(f, shifted).text}, 52")
     return f.emit(FLOAT, f"bitcast i64 {bits.text} to double")
@@ -284,7 +309,9 @@ def _noinline(f: Any) -> tuple[()]:
 
 
 def _field(f: Any, a: Array, k: Number, n: int) -> Number:
-    """Number ``n`` of the four of array ``k`` of the arguments of a kernel."""
+    """Add to ``f`` the code that loads one of the four integers that describe array ``k`` among the
+    arguments ``a`` of a kernel; return it. It is the address of the array (``n`` = 0) or the size
+    of its axis ``n`` - 1."""
     position = add_int(f, multiply_int(f, constant(4), k), constant(n))
     pointer = f.emit(POINTER, f"getelementptr i64, ptr {a.data.text}, i64 {position.text}")
     return f.emit(INT, f"load i64, ptr {pointer.text}")
@@ -295,7 +322,8 @@ def _data(f: Any, a: Array, k: Number) -> Number:
 
 
 def _view(element: str, axes: int, f: Any, a: Array, k: Number) -> Array:
-    """Array ``k`` of the arguments of a kernel."""
+    """Add to ``f`` the code that loads the address and sizes of array ``k`` among the arguments
+    ``a`` of a kernel; return its view with ``axes`` axes and elements of the type ``element``."""
     shape = tuple(_field(f, a, k, 1 + axis) for axis in range(axes))
     return Array(element, _data(f, a, k), shape)
 

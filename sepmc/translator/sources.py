@@ -1,4 +1,4 @@
-"""Sources of the functions that are translated: syntax trees, by function object."""
+"""Sources of the functions to translate: the syntax tree of a Python function and its globals."""
 
 import ast
 from collections.abc import Iterator
@@ -13,13 +13,14 @@ _INLINED, _GENERAL = "formula", "for_any_numbers"  # decorators
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Source of a function.
+    """Source of a function to translate.
 
     Attributes
     ----------
     node : ast.FunctionDef
+        Syntax tree of the function.
     names : dict
-        Values of its global names.
+        Globals of the function: objects by name.
     """
 
     node: ast.FunctionDef
@@ -27,17 +28,18 @@ class Source:
 
     @property
     def inlined(self) -> bool:
-        """True for a formula, which is inlined wherever it is called."""
+        """True if the function has the decorator `sepmc.jit.formula`: LLVM inlines every call."""
         return _INLINED in self._decorators()
 
     @property
     def general(self) -> bool:
-        """True if it is translated once, not anew for each known integer in its calls."""
+        """True if integers that are known in a call are passed as ordinary arguments. Otherwise the
+        function is translated anew for each set of known integers, which become constants in it."""
         return self.inlined or _GENERAL in self._decorators()
 
     @property
     def body(self) -> list[ast.stmt]:
-        """Its statements, without a docstring."""
+        """Statements of the function, without its docstring."""
         return self.node.body[1:] if ast.get_docstring(self.node, False) else self.node.body
 
     def _decorators(self) -> list[str]:
@@ -46,10 +48,17 @@ class Source:
 
 @cache
 def source_of(function: FunctionType) -> Source:
-    """Source of a function of a module."""
+    """Return the source of a Python function, read from the file that defines it.
+
+    Raises TypeError if the function uses variables of a function around it, or if its file has
+    changed since Python imported it.
+    """
     code = function.__code__
     if code.co_freevars:
-        raise TypeError(f"{code.co_name} uses variables of the function around it")
+        raise TypeError(
+            f"{code.co_name} uses variables of the function around it; it must use its arguments "
+            "and globals only"
+        )
     node, compiled = _functions(code.co_filename).get(code.co_firstlineno, (None, None))
     if node is None or compiled != code:
         raise TypeError(f"the file of {code.co_name} has changed since it was imported")
@@ -58,8 +67,8 @@ def source_of(function: FunctionType) -> Source:
 
 @cache
 def _functions(path: str) -> dict[int, tuple[ast.FunctionDef, CodeType]]:
-    """Functions of a Python file and what Python compiles them to, by their first lines, decorators
-    included."""
+    """Parse a Python file. Returns, by the line number at which each of its functions begins
+    (with its decorators), the syntax tree and the code object of the function."""
     tree = ast.parse(Path(path).read_bytes())
     codes = {code.co_firstlineno: code for code in _codes(compile(tree, path, "exec"))}
     lines = {
@@ -71,7 +80,8 @@ def _functions(path: str) -> dict[int, tuple[ast.FunctionDef, CodeType]]:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """Code of the functions in a piece of code."""
+    """Yield all code objects (of functions, classes, lambdas) nested in a code object, at any
+    depth."""
     for inner in code.co_consts:
         if isinstance(inner, CodeType):
             yield inner
@@ -79,8 +89,11 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def unit_source(text: str, name: str) -> Source:
-    """Source of the function ``name`` of the text of a compile unit. Its other functions are among
-    its names, as sources."""
+    """Return the source of the function ``name`` in ``text``, the Python source of a compile unit.
+
+    The imports and constants of ``text`` are executed; its functions are not, but are `Source`
+    objects among the globals of each other.
+    """
     tree = ast.parse(text)
     functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
     others = [node for node in tree.body if not isinstance(node, ast.FunctionDef)]

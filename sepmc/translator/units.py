@@ -1,8 +1,8 @@
-"""Compile units: functions of a workspace and numbers that are compiled one by one and call each
-other by address.
+"""Compile units: functions of a kernel that are compiled separately and call each other by address.
+The first argument of each is the kernel's workspace (the buffer of floats of a block of cases).
 
-The addresses of a kernel's units are stored in front of its workspace, so that a function with the
-workspace can call every unit (`sepmc.engine.written_kernel.table`).
+The addresses of all units of a kernel are stored in memory just before its workspace
+(`sepmc.engine.written_kernel.table`), so a unit finds the others through its first argument.
 """
 
 from typing import Any
@@ -13,12 +13,13 @@ TYPES = {"i": INT, "f": FLOAT, "a": POINTER}
 
 
 class callee:
-    """Another compile unit, as a function of the workspace and numbers.
+    """Compile unit that another unit calls by its address.
 
     Parameters
     ----------
     position : int
-        Number of the unit in the order of the table of addresses.
+        Index of the called unit among the units of the kernel: its address is ``position + 1``
+        integers before the workspace.
     codes : str
         Types of its arguments after the workspace, as in `compile_unit`.
     """
@@ -27,7 +28,8 @@ class callee:
         self.position, self.codes = position, codes
 
     def call(self, f: Any, w: Array, *numbers: Any) -> tuple[()]:
-        """Write a call with the workspace ``w`` and numbers into the function ``f``."""
+        """Add instructions to ``f`` (a `functions.Function` in translation) that call the unit with
+        the workspace ``w`` and further arguments; return (), since units return nothing."""
         text = f"getelementptr i64, ptr {w.data.text}, i64 {-1 - self.position}"
         address = f.emit(INT, f"load i64, ptr {f.emit(POINTER, text).text}")
         function = f.emit(POINTER, f"inttoptr i64 {address.text} to ptr")
@@ -40,13 +42,14 @@ class callee:
 
 
 def compile_unit(codes: str) -> Any:
-    """Create a decorator that marks the function of a compile unit.
+    """Create a decorator that states the argument types of a compile unit. The translator reads it
+    from the source; in Python it returns the function unchanged.
 
     Parameters
     ----------
     codes : str
         A letter for each argument after the workspace: "i" integer, "f" floating point, "a" pointer
-        to arrays.
+        to the arguments of the kernel (`sepmc.routines.arrays`).
 
     Returns
     -------
@@ -56,6 +59,6 @@ def compile_unit(codes: str) -> Any:
 
 
 def workspace(address: Any) -> Any:
-    """View of the workspace at a pointer to its first number, as a 1-D array of floats; its length
-    is not checked."""
+    """Return the workspace at the address of its first number. In translated code it is a 1-D array
+    of floats without bounds checks; in Python the argument is returned as it is."""
     return address

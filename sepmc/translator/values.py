@@ -1,7 +1,7 @@
-"""Values of translated code: numbers, tuples of values, arrays and records.
+"""Values of expressions during translation: numbers, tuples of values, arrays and records.
 
-Tuples, arrays and records exist only during translation; LLVM sees their leaves, which are numbers
-and pointers.
+LLVM sees only the leaves of a value: the numbers and pointers that it consists of. Tuples, arrays
+and records exist only in the translator.
 """
 
 import struct
@@ -16,16 +16,16 @@ RANK = {BOOL: 0, INT: 1, FLOAT: 2}  # a number can become one of a higher rank
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number or pointer.
+    """Scalar value of the code being translated: a number, a truth value or a pointer.
 
     Attributes
     ----------
     kind : str
         Its type in LLVM: FLOAT, INT, BOOL or POINTER.
     text : str
-        Its operand in LLVM's assembly.
+        Its operand in LLVM assembly, such as ``%v3`` or ``42``.
     constant : float, int or bool, optional
-        Its value, if known.
+        Its value if it is known during translation; None if only running code knows it.
     """
 
     kind: str
@@ -35,16 +35,16 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """View of a contiguous array.
+    """View of a C-contiguous array in the memory of the running code.
 
     Attributes
     ----------
     element : str
-        FLOAT or INT.
+        Type of its elements: FLOAT or INT.
     data : Number
         Pointer to the first element.
     shape : tuple of Number
-        Empty for a workspace, which has one axis and no length.
+        Size of each axis. Empty for a 1-D array of unknown length, as a workspace is.
     """
 
     element: str
@@ -54,12 +54,14 @@ class Array:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Record of integers, by a pointer to the first.
+    """Record of 64-bit integers with names, in the memory of the running code.
 
     Attributes
     ----------
     data : Number
+        Pointer to the first integer.
     fields : tuple of str
+        Names of the integers, in their order in memory.
     """
 
     data: Number
@@ -68,14 +70,14 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """Named tuple of values.
+    """Instance of a NamedTuple class in translated code.
 
     Attributes
     ----------
     type : type
-        Of the tuple.
+        The NamedTuple class.
     values : tuple
-        In the order of its fields.
+        Value of each field, in the order of the fields.
     """
 
     type: Any
@@ -83,7 +85,8 @@ class Named:
 
 
 def constant(value: Any) -> Number:
-    """Number that is known during translation."""
+    """Return a bool, int or float of Python as a `Number` with a known value. Raises OverflowError
+    if an int does not fit 64 bits."""
     if isinstance(value, bool):
         return Number(BOOL, "true" if value else "false", value)
     if isinstance(value, int):
@@ -95,7 +98,8 @@ def constant(value: Any) -> Number:
 
 
 def leaves(value: Any) -> Iterator[Number]:
-    """Numbers and pointers of a value, in order."""
+    """Yield the leaves of a value in order: the numbers in nested tuples; of an array its pointer,
+    then its sizes; of a record its pointer."""
     if isinstance(value, Number):
         yield value
     elif isinstance(value, tuple):
@@ -111,7 +115,8 @@ def leaves(value: Any) -> Iterator[Number]:
 
 
 def rebuilt(value: Any, numbers: Iterator[Number]) -> Any:
-    """Value of the form of ``value`` with other leaves, taken from an iterator."""
+    """Return a copy of ``value`` whose leaves, in the order of `leaves`, are replaced by the next
+    items of the iterator ``numbers``."""
     if isinstance(value, Number):
         return next(numbers)
     if isinstance(value, tuple):
@@ -124,8 +129,8 @@ def rebuilt(value: Any, numbers: Iterator[Number]) -> Any:
 
 
 def form(value: Any, constants: bool) -> Any:
-    """Hashable form of a value: types without operands; with the values of known integers if
-    ``constants``."""
+    """Return a hashable key of a value: its nesting, and the type of each leaf without its operand.
+    If ``constants`` is true, the key includes the values of integers that are known."""
     if isinstance(value, Number):
         known = constants and value.kind == INT and value.constant is not None
         return (value.kind, value.constant) if known else value.kind
@@ -139,13 +144,19 @@ def form(value: Any, constants: bool) -> Any:
 
 
 def require_alike(*values: Any) -> None:
-    """Raise TypeError unless values differ in nothing but their numbers and the types of these."""
+    """Raise TypeError unless all values have the same structure: nesting of tuples, names of
+    fields, element type and number of axes of arrays. The type of a number may differ: True, 1 and
+    1.0 are alike."""
     forms = {form(rebuilt(value, repeat(constant(0.0))), False) for value in values}
     if len(forms) > 1:
-        raise TypeError("values of different forms")
+        raise TypeError(
+            "values of different forms: they must have the same nesting of tuples, and arrays the "
+            "same element type and number of axes"
+        )
 
 
 def common_kind(*numbers: Number) -> str:
-    """Type of an operation on several numbers."""
+    """Return the type that numbers of several types are converted to before an operation: the one
+    of the highest rank among theirs (`RANK`)."""
     kinds = {number.kind for number in numbers}
     return kinds.pop() if len(kinds) == 1 else max(kinds, key=RANK.__getitem__)

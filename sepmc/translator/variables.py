@@ -1,5 +1,9 @@
-"""Variables of a function. One is stored in memory, from which LLVM takes it, if branches or loops
-assign it, so that the last assignment in the text before a use need not be the one in force."""
+"""Analysis of the local variables of a function: which of them must be stored in memory.
+
+A variable needs no memory if every read gets the value of the last assignment before it in the
+text. If branches or loops may make another assignment the latest one, it is stored in memory, and
+LLVM turns it into registers.
+"""
 
 import ast
 from collections import defaultdict
@@ -10,7 +14,11 @@ _Path = tuple[tuple[int, int], ...]  # lists of statements around a use, and pos
 
 @dataclass
 class _Use:
-    """An assignment or a read of a name: where it is, and the loops around it."""
+    """An assignment or a read of a name.
+
+    ``order`` counts the uses of a function in the order of its text; ``path`` is the position in
+    each nested list of statements, outermost first; ``loops`` are the ids of the loops around it.
+    """
 
     order: int
     path: _Path
@@ -20,36 +28,41 @@ class _Use:
 
 @dataclass
 class _Uses:
-    """Uses of all names of a function, in the order in which they are translated."""
+    """Assignments and reads of all names of a function, by name, in the order of the text.
+
+    The methods add those of a piece of its syntax tree; ``path`` and ``loops`` locate this piece,
+    as in `_Use`.
+    """
 
     by_name: dict[str, list[_Use]] = field(default_factory=lambda: defaultdict(list))
     count: int = 0
 
     def add(self, name: str, path: _Path, loops: tuple[int, ...], is_store: bool) -> None:
-        """Add a use of a name."""
+        """Add one assignment (``is_store``) or read of a name."""
         self.count += 1
         self.by_name[name].append(_Use(self.count, path, loops, is_store))
 
     def expression(self, node: ast.AST | None, path: _Path, loops: tuple[int, ...]) -> None:
-        """Add the reads in an expression."""
+        """Add the reads of names in an expression; None has none."""
         for part in ast.walk(node) if node is not None else ():
             if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load):
                 self.add(part.id, path, loops, False)
 
     def target(self, node: ast.AST, path: _Path, loops: tuple[int, ...]) -> None:
-        """Add the reads and assignments of a target."""
+        """Add the reads in the target of an assignment (as the index in ``a[i] = x``), then its
+        assignments of names."""
         self.expression(node, path, loops)
         for part in ast.walk(node):
             if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
                 self.add(part.id, path, loops, True)
 
     def body(self, lines: list[ast.stmt], path: _Path, loops: tuple[int, ...]) -> None:
-        """Add the uses in a list of statements."""
+        """Add the assignments and reads in a list of statements."""
         for position, line in enumerate(lines):
             self.statement(line, (*path, (id(lines), position)), loops)
 
     def statement(self, line: ast.stmt, path: _Path, loops: tuple[int, ...]) -> None:
-        """Add the uses in a statement."""
+        """Add the assignments and reads in a statement, nested statements included."""
         if isinstance(line, ast.Assign):
             self.expression(line.value, path, loops)
             for target in line.targets:
@@ -77,8 +90,8 @@ class _Uses:
 
 
 def variables_of(node: ast.FunctionDef) -> dict[str, bool]:
-    """Names that a function assigns, its arguments included: True if they are stored in memory,
-    since some read is not of the last assignment before it in the text."""
+    """Return, for each name that a function assigns and each of its arguments, True if the variable
+    must be stored in memory, False if every read gets the last assignment before it in the text."""
     uses = _Uses()
     for argument in node.args.args:
         uses.add(argument.arg, (), (), True)
@@ -91,7 +104,8 @@ def variables_of(node: ast.FunctionDef) -> dict[str, bool]:
 
 
 def _is_simple(uses: list[_Use]) -> bool:
-    """Return True if each read of a name is of the last assignment before it in the text."""
+    """Return True if every read among the uses of one name, in the order of the text, gets the
+    value of the last assignment before it in the text."""
     stores = [use for use in uses if use.is_store]
     last: _Use | None = None
     for use in uses:
@@ -103,8 +117,13 @@ def _is_simple(uses: list[_Use]) -> bool:
 
 
 def _reaches(store: _Use, read: _Use, stores: list[_Use]) -> bool:
-    """Return True if a read is always of the assignment ``store``, the last one before it in the
-    text: all ways to the read go through it, and no loop returns with another one."""
+    """Return True if ``read`` always gets the value of ``store``, the last assignment before it in
+    the text.
+
+    This requires that control cannot reach the read without passing the assignment, and that no
+    loop around the read, but not around ``store``, contains a later one of the name's assignments
+    ``stores``, whose value would arrive in the next iteration.
+    """
     if store.path:
         *around, (block, position) = store.path
         depth = len(around)

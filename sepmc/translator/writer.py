@@ -1,4 +1,4 @@
-"""Writer of the instructions of a function, in LLVM's assembly."""
+"""Writer of a function in LLVM assembly, instruction by instruction."""
 
 from itertools import count
 from typing import Any
@@ -7,12 +7,15 @@ from sepmc.translator.values import BOOL, FLOAT, POINTER, RANK, Number, constant
 
 
 class Writer:
-    """Instructions of a function, in blocks.
+    """Text of a function in LLVM assembly, as a list of lines that grows.
+
+    It consists of basic blocks: a label, instructions, and at the end a jump, branch or return.
+    Instructions are added to the current block (``block`` is its label).
 
     Parameters
     ----------
     module : sepmc.translator.module.Module
-        Where the function stands.
+        Module that `define` adds the function to.
     """
 
     def __init__(self, module: Any):
@@ -21,47 +24,54 @@ class Writer:
         self.allocations: list[str] = []
         self.names = count()
         self.block = "start"
-        self.ended = False  # the block
+        self.ended = False  # True: the current block has its jump, branch or return
 
     def emit(self, kind: str, text: str) -> Number:
-        """Add an instruction with a result of a type; return the result."""
+        """Add the instruction ``text``, whose result has the type ``kind``; return the result."""
         name = f"%v{next(self.names)}"
         self.lines.append(f"{name} = {text}")
         return Number(kind, name)
 
     def run(self, text: str) -> None:
-        """Add an instruction without result."""
+        """Add an instruction that has no result."""
         self.lines.append(text)
 
     def label(self) -> str:
-        """Name of a new block."""
+        """Return a new label, for a block that `begin` starts later."""
         return f"b{next(self.names)}"
 
     def begin(self, label: str) -> None:
-        """Begin a block."""
+        """Start the block of a label: instructions are added to it from now on."""
         self.lines.append(f"{label}:")
         self.block, self.ended = label, False
 
     def jump(self, label: str) -> None:
-        """End the block, if it has not ended."""
+        """End the current block with a jump to a label; do nothing if the block has ended."""
         if not self.ended:
             self.run(f"br label %{label}")
             self.ended = True
 
     def branch(self, test: Number, yes: str, no: str) -> None:
-        """End the block with a branch to one of two others."""
+        """End the current block with a branch to the label ``yes`` if a truth value is true, else
+        to the label ``no``."""
         self.run(f"br i1 {test.text}, label %{yes}, label %{no}")
         self.ended = True
 
     def allocate(self, kind: str, number: int = 1) -> Number:
-        """Pointer to memory of the function, for one or several numbers of a type."""
+        """Reserve stack memory of the function for ``number`` numbers of the type ``kind``; return
+        a pointer to the first."""
         name = f"%v{next(self.names)}"
         many = f", i64 {number}" if number > 1 else ""
         self.allocations.append(f"{name} = alloca {kind}{many}")
         return Number(POINTER, name)
 
     def phi(self, ways: list[tuple[Number, str]]) -> Number:
-        """Number that depends on the block that control comes from."""
+        """Add an instruction, at the start of the current block, that chooses a number by the block
+        from which control came; return the chosen number.
+
+        ``ways`` has a pair (number, label of the block) for each block that can jump to the current
+        one; all numbers have the same type. No instruction is added if all numbers are equal.
+        """
         kind = ways[0][0].kind
         if len({number.text for number, _ in ways}) == 1:
             return ways[0][0]
@@ -69,26 +79,31 @@ class Writer:
         return self.emit(kind, f"phi {kind} {pairs}")
 
     def converted(self, number: Number, kind: str) -> Number:
-        """Number as one of a type of the same or a higher rank."""
+        """Convert a number to the type ``kind``, adding an instruction if needed; return the
+        result. Raises TypeError if ``kind`` has a lower rank (`RANK`), such as INT for a float."""
         if number.kind == kind:
             return number
         if RANK.get(number.kind, 3) > RANK.get(kind, -1):
-            raise TypeError(f"a {number.kind} does not fit a {kind}")
+            raise TypeError(
+                f"a {number.kind} does not fit a {kind}: a value may become one of a later type in "
+                "i1, i64, double only"
+            )
         if number.constant is not None:
             return constant(float(number.constant) if kind == FLOAT else int(number.constant))
         op = "zext" if kind != FLOAT else "uitofp" if number.kind == BOOL else "sitofp"
         return self.emit(kind, f"{op} {number.kind} {number.text} to {kind}")
 
     def define(self, head: str, parameters: list[Number], marks: str = "") -> None:
-        """Add the function to the module.
+        """Add the definition of the function, with all instructions so far, to the module.
 
         Parameters
         ----------
         head : str
-            Linkage, type of the result, name.
+            Linkage, type of the result and name, such as ``internal double @f0_norm``.
         parameters : list of Number
+            Parameters of the function in LLVM.
         marks : str
-            Attributes.
+            LLVM attributes, such as ``alwaysinline``.
         """
         listed = ", ".join(f"{number.kind} {number.text}" for number in parameters)
         lines = ["start:", *self.allocations, *self.lines]

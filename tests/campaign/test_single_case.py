@@ -166,7 +166,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
     result = campaign.simulate(step_s=0.5, announce=heard.append)
     assert result.attrs["compiled"]
     assert any("compiling" in text for text in heard)
-    assert any(re.fullmatch(r"compiled (\d+) of \1", text) for text in heard)
+    assert any(re.fullmatch(r"compiled (\d+) of \1 units", text) for text in heard)
     assert_allclose(result.attrs["outcomes"]["fore_roll_deg"], 1.8e6, rtol=1e-6)
 
 
