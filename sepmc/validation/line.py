@@ -55,8 +55,8 @@ def worst(
     relative: float = CLOSE,
     size: float = 0.0,
 ) -> Line:
-    """Line on the element that differs most between two arrays; NaN counts as the largest
-    difference.
+    """Line of `sepmc verify` on the element that differs most between two arrays; NaN counts as the
+    largest difference.
 
     Parameters
     ----------

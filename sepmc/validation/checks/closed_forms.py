@@ -40,8 +40,9 @@ def free_body() -> list[Line]:
 
 
 def _welded(run: NominalRun, joint: str, case: str) -> list[Line]:
-    """Lines on rates and attitude of the second of two bodies welded by ``joint``, and on the force
-    and moment on it, against those of one composite body; ``case`` is their label."""
+    """Lines of `sepmc verify` on rates and attitude of the second of two bodies welded by
+    ``joint``, and on the force and moment on it, against those of one composite body; ``case`` is
+    their label."""
     scene = run.scene
     first, second = scene.joint[joint].bodies
     # from the joint point
@@ -115,8 +116,8 @@ def pushed_apart() -> list[Line]:
 
 
 def _pushed(run: NominalRun, case: str) -> list[Line]:
-    """Lines on the extension of the spring, on the separation speed and on the speeds of both
-    bodies, against the closed form; ``case`` is their label."""
+    """Lines of `sepmc verify` on the extension of the spring, on the separation speed and on the
+    speeds of both bodies, against the closed form; ``case`` is their label."""
     spring, mass = run.scene.spring[0], [run.scene.body[b].mass for b in ("fore", "aft")]
     spring_data = ref.reduced_mass(*mass), spring.force, spring.stiffness
     x, v = ref.spring_extension(run.t, *spring_data, spring.damping)

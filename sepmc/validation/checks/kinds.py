@@ -47,8 +47,8 @@ def nominal_run(kind: str) -> NominalRun:
 def largest_difference(
     case: str, run: Mapping[str, Any], expected: Mapping[str, Any], sizes: Mapping[str, float]
 ) -> Line:
-    """Line on the quantity that differs most between a run and the expected values, both by name;
-    the tolerance is 1e-10.
+    """Line of `sepmc verify` on the quantity that differs most between a run and the expected
+    values, both by name; the tolerance is 1e-10.
 
     The difference is relative to the larger of the expected value and ``sizes`` of that name; NaN
     counts as the largest. Values may be numbers or arrays that broadcast.

@@ -159,9 +159,9 @@ def _bounds() -> dict[str, Bound]:
 
 
 def hour() -> list[Stress]:
-    """Lines on one hour of 72,000 steps, by motion and method of drift control: energy and angular
-    momentum are constant, and a weld follows its closed form. Those of ``projection`` must be
-    accurate."""
+    """Lines of `sepmc stress` on one hour of 72,000 steps, by motion and method of drift control:
+    energy and angular momentum are constant, and a weld follows its closed form. Those of
+    ``projection`` must be accurate."""
     lines = []
     turned = float(np.linalg.norm(OMEGA)) * HOUR
     for x in hours():

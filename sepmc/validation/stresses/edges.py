@@ -50,8 +50,8 @@ def _speed_error(run: NominalRun, expected: np.ndarray) -> float:
 
 
 def aero_tables() -> list[Stress]:
-    """Lines on an aerodynamic table over Mach, alpha or beta, entered within its range, at its
-    edge, just beyond and far beyond.
+    """Lines of `sepmc stress` on an aerodynamic table over Mach, alpha or beta, entered within its
+    range, at its edge, just beyond and far beyond.
 
     At an edge the round-off of speed or angle decides: inside and accurate, and outside and
     flagged, are both right. Beyond it, a case must be flagged.
@@ -112,8 +112,8 @@ def aero_tables() -> list[Stress]:
 
 
 def air() -> list[Stress]:
-    """Lines on flights at the edges of a table of air and of the 1976 atmosphere, which must be
-    accurate, and through the edges, which must be flagged."""
+    """Lines of `sepmc stress` on flights at the edges of a table of air and of the 1976 atmosphere,
+    which must be accurate, and through the edges, which must be flagged."""
     lines = []
     drag = {"axial": {"const": 0.4}}
     for label, altitude, pitch, inside in (
@@ -153,8 +153,8 @@ def air() -> list[Stress]:
 
 
 def wind() -> list[Stress]:
-    """Lines on the speed of the probe below, within and above the rows of a wind profile, which is
-    constant beyond them."""
+    """Lines of `sepmc stress` on the speed of the probe below, within and above the rows of a wind
+    profile, which is constant beyond them."""
     lines = []
     profile = {
         "altitude_m": [1000.0, 5000.0, 6000.0],
@@ -188,8 +188,8 @@ def _near(distance: list[float], axial: list[float], step: float, push: float) -
 
 
 def proximity() -> list[Stress]:
-    """Lines on proximity increments far beyond both ends of their table of distances, where they
-    are constant, and on the corner at the end of the table within a step."""
+    """Lines of `sepmc stress` on proximity increments far beyond both ends of their table of
+    distances, where they are constant, and on the corner at the end of the table within a step."""
     lines: list[Stress] = []
     for label, distance, push in (
         ("proximity, beyond its last row", [0.0, 0.05, 0.1], 100.0),

@@ -41,8 +41,8 @@ def _load(angle: float, start: float) -> float:
 
 
 def peak_loads() -> list[Stress]:
-    """Lines on the release time of a hinge with a break load just below, or just above, the peak
-    load of a swing, which lies within a step."""
+    """Lines of `sepmc stress` on the release time of a hinge with a break load just below, or just
+    above, the peak load of a swing, which lies within a step."""
     frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
     lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
     lines = []
@@ -80,8 +80,8 @@ def peak_loads() -> list[Stress]:
 
 
 def angle_limits() -> list[Stress]:
-    """Lines on the release time of a hinge with an angle limit from 1e-6 deg to 180 deg, where the
-    angle between two bodies turns back."""
+    """Lines of `sepmc stress` on the release time of a hinge with an angle limit from 1e-6 deg to
+    180 deg, where the angle between two bodies turns back."""
     lines = []
     for degrees in (1e-6, 90.0, 179.0, 179.999, 180.0):
         for step in (0.05, 0.013):
@@ -132,9 +132,9 @@ def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
 
 
 def simultaneous() -> list[Stress]:
-    """Lines on release times: of two joints at one instant; of a phase ended by a time or a stroke
-    that are met at one instant, or nearly so; of conditions met before their phase begins; of a
-    delayed joint."""
+    """Lines of `sepmc stress` on release times: of two joints at one instant; of a phase ended by a
+    time or a stroke that are met at one instant, or nearly so; of conditions met before their phase
+    begins; of a delayed joint."""
     lines = []
     # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
@@ -176,8 +176,8 @@ def simultaneous() -> list[Stress]:
 
 
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
-    """Line on the release time of `pushed`, whose slider ends at a stroke, m, or at the keys of
-    ``until``; ``time`` is the expected one, s."""
+    """Line of `sepmc stress` on the release time of `pushed`, whose slider ends at a stroke, m, or
+    at the keys of ``until``; ``time`` is the expected one, s."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,
@@ -190,8 +190,9 @@ def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stre
 
 
 def _cascade() -> list[Stress]:
-    """Two lines on release times: phases whose conditions are met before they begin all end at one
-    instant; a joint with a delay is released that much after its condition is met."""
+    """Two lines of `sepmc stress` on release times: phases whose conditions are met before they
+    begin all end at one instant; a joint with a delay is released that much after its condition is
+    met."""
     tree = pushed(0.04)
     at = {"joint": "link", "stroke_m": 0.04}
     tree["phase"] = [
@@ -235,8 +236,9 @@ def _cascade() -> list[Stress]:
 
 
 def under_load() -> list[Stress]:
-    """Lines on a weld released under a load of 2e3 to 2e11 N: rates, energy and angular momentum
-    are constant, and the mass centre of the second body continues along its tangent."""
+    """Lines of `sepmc stress` on a weld released under a load of 2e3 to 2e11 N: rates, energy and
+    angular momentum are constant, and the mass centre of the second body continues along its
+    tangent."""
     lines = []
     for rate in (1.0, 100.0, 1e4):
         bodies = {

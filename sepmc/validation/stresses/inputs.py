@@ -75,8 +75,8 @@ class _Varied:
         i: int,
         resolved: bool = False,
     ) -> Stress:
-        """Line on case ``i`` of a block, with its status and, if that is ok, its audit columns
-        beyond their bounds."""
+        """Line of `sepmc stress` on case ``i`` of a block, with its status and, if that is ok, its
+        audit columns beyond their bounds."""
         status = Status(int(block.status[i])).label
         return Stress(
             label,
@@ -120,8 +120,8 @@ def _varied() -> _Varied:
 
 
 def not_finite() -> list[Stress]:
-    """Lines on NaN and infinities in every input in turn, each of which must be flagged, and on a
-    valid case before and after them in the block, which must not change."""
+    """Lines of `sepmc stress` on NaN and infinities in every input in turn, each of which must be
+    flagged, and on a valid case before and after them in the block, which must not change."""
     varied, lines = _varied(), []
     count, alone = len(varied.nominal), varied.simulate([{}])
     for value in (math.nan, math.inf, -math.inf):
@@ -142,7 +142,7 @@ def not_finite() -> list[Stress]:
 
 
 def not_physical() -> list[Stress]:
-    """Lines on impossible masses and inertias, each of which must be flagged."""
+    """Lines of `sepmc stress` on impossible masses and inertias, each of which must be flagged."""
     varied, lines = _varied(), []
     for path, values in (
         ("body.aft.mass", (0.0, -0.0, -1.0)),
@@ -159,9 +159,9 @@ def not_physical() -> list[Stress]:
 
 
 def absurd() -> list[Stress]:
-    """Three lines on every input in turn at 1e300, -1e300 and 1e-300: number of cases that are not
-    flagged and have an outcome that is not finite, which must be 0. Times of releases and of ends
-    of strokes may be NaN."""
+    """Three lines of `sepmc stress` on every input in turn at 1e300, -1e300 and 1e-300: number of
+    cases that are not flagged and have an outcome that is not finite, which must be 0. Times of
+    releases and of ends of strokes may be NaN."""
     varied, lines = _varied(), []
     # without calibration cases there is no error estimate
     needed = [
@@ -189,8 +189,9 @@ def absurd() -> list[Stress]:
 
 
 def rods_without_length() -> list[Stress]:
-    """Lines on a rod whose ends a dispersion brings together, or nearly: short ones must be flagged
-    in the run. (A rod without length in the file is refused.)"""
+    """Lines of `sepmc stress` on the length error of a rod whose ends a dispersion brings together,
+    or nearly: rods of 1 mm and more must be accurate, shorter ones may be flagged. (In a file, a
+    rod without length is refused.)"""
     tree = pair("rod", end=0.2, step=0.01)
     tree["joint"]["link"]["second_point_m"] = [2.5, 0.1, 0.0]
     varied, lines = _Varied(tree), []
@@ -207,7 +208,8 @@ def rods_without_length() -> list[Stress]:
 
 
 def _refusal(label: str, tree: Tree) -> Stress:
-    """Line that is flagged "refused" if reading the scene raises SceneError, else SILENT."""
+    """Line of `sepmc stress` that is flagged "refused" if reading the scene raises SceneError, else
+    SILENT."""
     try:
         make(tree)
     except SceneError:
@@ -216,7 +218,7 @@ def _refusal(label: str, tree: Tree) -> Stress:
 
 
 def refused() -> list[Stress]:
-    """Lines on impossible scenes, which must be refused when they are read."""
+    """Lines of `sepmc stress` on impossible scenes, which must be refused when they are read."""
 
     def with_(path: str, value: Any) -> Tree:
         """Tree of a weld of two bodies with the value at ``path`` replaced."""

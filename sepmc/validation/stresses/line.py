@@ -108,8 +108,8 @@ def judge(
     run: NominalRun,
     resolved: bool = False,
 ) -> Stress:
-    """Line on the error of a quantity of a nominal run, with the status of the run and its audit
-    columns beyond their bounds."""
+    """Line of `sepmc stress` on the error of a quantity of a nominal run, with the status of the
+    run and its audit columns beyond their bounds."""
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 

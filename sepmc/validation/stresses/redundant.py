@@ -97,8 +97,8 @@ def minimum_norm(run: NominalRun, load: Array) -> Array:
 
 
 def _same_motion(label: str, run: NominalRun, without: NominalRun, bound: Bound) -> list[Stress]:
-    """Lines on rates and positions of all bodies in ``run`` against ``without``, a run without the
-    redundant joint."""
+    """Lines of `sepmc stress` on rates and positions of all bodies in ``run`` against ``without``,
+    a run without the redundant joint."""
     with_joint, without_joint = ([f.body(name) for name in f.scene.body] for f in (run, without))
     rates = relative([track.w for track in with_joint], [track.w for track in without_joint])
     positions = relative([track.x for track in with_joint], [track.x for track in without_joint])
@@ -111,9 +111,9 @@ def _same_motion(label: str, run: NominalRun, without: NominalRun, bound: Bound)
 def _reactions(
     label: str, run: NominalRun, without: NominalRun, rows: int, bound: Bound
 ) -> list[Stress]:
-    """Two lines on a run with a redundant joint: its reactions against those of minimum norm that
-    put the same load on the bodies as in ``without``, a run without that joint; its number of
-    redundant rows against ``rows``."""
+    """Two lines of `sepmc stress` on a run with a redundant joint: its reactions against those of
+    minimum norm that put the same load on the bodies as in ``without``, a run without that joint;
+    its number of redundant rows against ``rows``."""
     expected = minimum_norm(run, jacobian(without).T @ multipliers(without))
     error = relative(multipliers(run), expected)
     count = abs(run.outcomes["redundant_rows"] - rows)
@@ -124,8 +124,8 @@ def _reactions(
 
 
 def welds() -> list[Stress]:
-    """Lines on two fixed joints between the same bodies, from 1 m to 0 m apart: they act as one
-    weld, with all six rows of one of them redundant."""
+    """Lines of `sepmc stress` on two fixed joints between the same bodies, from 1 m to 0 m apart:
+    they act as one weld, with all six rows of one of them redundant."""
     lines, reference = [], simulate(pair("fixed"))
     for distance in (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0):
         tree = pair("fixed")
@@ -151,7 +151,8 @@ def welds() -> list[Stress]:
 
 
 def triangle() -> list[Stress]:
-    """Lines on three bodies in a loop of three welds, of which two would suffice."""
+    """Lines of `sepmc stress` on three bodies in a loop of three welds, of which two would
+    suffice."""
     third = body(2.1, [0.8, 1.5, 1.2], [2.0, 1.5, 0.06], [0.0, -0.1, 0.15])
     joints = {
         "ab": joint("fore", "aft", [2.0, 0.1, 0.0]),
@@ -195,8 +196,8 @@ def _bars(last: str) -> Tree:
 
 
 def four_bar() -> list[Stress]:
-    """Lines on a plane four-bar with a hinge at each corner: the last one needs only two
-    translations, so three of its rows are redundant."""
+    """Lines of `sepmc stress` on a plane four-bar with a hinge at each corner: the last one needs
+    only two translations, so three of its rows are redundant."""
     run, without = simulate(_bars("revolute")), simulate(_bars("point-on-line"))
     lines = _same_motion("closed four-bar of hinges", run, without, FORM)
     return lines + _reactions("closed four-bar of hinges", run, without, 3, FORM)
@@ -211,8 +212,8 @@ def _run_unless_refused(tree: Tree) -> NominalRun | None:
 
 
 def two_balls() -> list[Stress]:
-    """Lines on two ball joints 1 m to 1e-12 m apart, which act as a hinge about the line between
-    them, with one redundant row.
+    """Lines of `sepmc stress` on two ball joints 1 m to 1e-12 m apart, which act as a hinge about
+    the line between them, with one redundant row.
 
     The lever arms of that hinge are as short as the distance, so the condition number of the
     constraint matrix is the inverse of its square.
@@ -252,8 +253,8 @@ def two_balls() -> list[Stress]:
 
 
 def near_parallel() -> list[Stress]:
-    """Lines on two hinges at one point with axes 1 to 1e-12 rad apart: they constrain all three
-    rotations, the third one weakly, so they act as a weld."""
+    """Lines of `sepmc stress` on two hinges at one point with axes 1 to 1e-12 rad apart: they
+    constrain all three rotations, the third one weakly, so they act as a weld."""
     lines, reference = [], simulate(pair("fixed"))
     for angle in (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
         tree = pair("revolute")
@@ -272,8 +273,8 @@ def near_parallel() -> list[Stress]:
 
 
 def short_rods() -> list[Stress]:
-    """Lines on a rod of 1 m to 1e-12 m between two turning bodies: error of its length, and energy.
-    Rods of 1 mm and more must be accurate."""
+    """Lines of `sepmc stress` on a rod of 1 m to 1e-12 m between two turning bodies: error of its
+    length, and energy. Rods of 1 mm and more must be accurate."""
     lines = []
     for length in (1.0, 1e-3, 1e-6, 1e-9, 1e-12):
         tree = pair("rod", step=0.01)

@@ -38,8 +38,8 @@ def truncation(z: float) -> float:
 
 
 def strokes() -> list[Stress]:
-    """Lines on the release time and final speed of a slider with a stroke of 0 to 1 m at a relative
-    acceleration of 2 m/s2, and on strokes that are never reached."""
+    """Lines of `sepmc stress` on the release time and final speed of a slider with a stroke of 0 to
+    1 m at a relative acceleration of 2 m/s2, and on strokes that are never reached."""
     lines = []
     for stroke in (0.0, 1e-15, 1e-12, 1.001e-12, 1e-11, 1e-9, 1e-6, 1e-3, 0.25):
         time, speed = math.sqrt(2.0 * stroke / ACCELERATION), math.sqrt(2.0 * ACCELERATION * stroke)
@@ -108,8 +108,8 @@ def _lead_time(margin: float) -> float:
 
 
 def grazing() -> list[Stress]:
-    """Lines on the release time at a stroke just reached, or just missed, at the top of an
-    oscillation: in converged steps, and between the ends of given steps of 0.05 to 0.3 s.
+    """Lines of `sepmc stress` on the release time at a stroke just reached, or just missed, at the
+    top of an oscillation: in converged steps, and between the ends of given steps of 0.05 to 0.3 s.
 
     Where the margin is less than the tolerance of a condition, or than the truncation error, either
     answer is right. With a given step, a kernel may miss a condition that is nearly reached within
@@ -172,8 +172,8 @@ def grazing() -> list[Stress]:
 
 
 def slow() -> list[Stress]:
-    """Lines on the release time at a stroke of 1 mm that is passed slowly, far from the mass
-    centres: positions are known to round-off, and so is the time."""
+    """Lines of `sepmc stress` on the release time at a stroke of 1 mm that is passed slowly, far
+    from the mass centres: positions are known to round-off, and so is the time."""
     lines = []
     for force, station in (
         (1e-2, 2.0),
@@ -212,8 +212,9 @@ def slow() -> list[Stress]:
 
 
 def spent_springs() -> list[Stress]:
-    """Lines on the gap at the end with a spring whose own stroke ends just below the top of the
-    oscillation, so that its force ends, or just above it, so that it pulls the bodies back."""
+    """Lines of `sepmc stress` on the gap at the end with a spring whose own stroke ends just below
+    the top of the oscillation, so that its force ends, or just above it, so that it pulls the
+    bodies back."""
     lines = []
     for margin in (1e-3, 1e-6, 1e-9, -1e-9, -1e-6, -1e-3):
         tree = _oscillator(2.0 * TOP)
