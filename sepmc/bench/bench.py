@@ -101,8 +101,8 @@ def _study(
     campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
     """Return the study of a campaign: its sampled cases and the steps selected for it, without
-    histories. If ``cases`` is None, fewer than the default are sampled where the reference would
-    take more than `_MAX_REFERENCE_S`."""
+    histories; log its size. If ``cases`` is None, fewer than the default are sampled where the
+    reference solution would take more than `_MAX_REFERENCE_S` seconds."""
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     integration = select_steps(bare, announce=say)
     requested = cases or (QUICK_CASES if quick else CASES)
@@ -144,8 +144,8 @@ def _parts(
         folders.write_json(folder / SUMMARY, results | tables)
 
     def keep(name: str, frame: pd.DataFrame) -> None:
-        """Write the table of a part as Parquet and to ``bench.json``; print it and its warnings, if
-        it has a text table."""
+        """Write the table of a part as Parquet. If the part has a text table, also print it with
+        its warnings, and store both in ``bench.json``."""
         frames[name] = frame
         frame.to_parquet(folder / f"{name}.parquet", index=False)
         if name in text.TABLES:

@@ -32,9 +32,9 @@ Trial = tuple[Callable[[], RowBatch], Callable[[RowBatch], RowBatch]]
 
 
 def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[str, Iterator[Trial]]:
-    """Return the trials of each kind of change, by its description. A trial is a function that
-    integrates cases under the change, and a function that selects the rows expected of it from
-    those of all cases."""
+    """Return the trials of each kind of change, by its description. A trial is a pair of functions:
+    one integrates cases under the change, the other selects from the results of all cases the rows
+    that must be equal to those of the first."""
 
     def all_of(rows: RowBatch) -> RowBatch:
         """Return all rows."""
@@ -90,12 +90,12 @@ def _integrate(variant: SolverVariant, inputs: np.ndarray) -> RowBatch:
 
 
 def _select(batch: RowBatch, rows: slice) -> RowBatch:
-    """Return some rows of outcomes and statuses."""
+    """Return the slice ``rows`` of outcomes and of statuses."""
     return batch[0][rows], batch[1][rows]
 
 
 def _concatenate(parts: list[RowBatch]) -> RowBatch:
-    """Concatenate outcomes and statuses of several batches."""
+    """Concatenate the outcomes and the statuses of several batches of cases."""
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 

@@ -73,9 +73,9 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]]:
-    """Run the campaign command with an empty cache folder; return the rows of its whole time, and
-    of the stages that emit the kernel, compile it and select steps. ``folder`` is a temporary one,
-    with the command's output in its ``cold``."""
+    """Time the campaign command with an empty cache folder; return table rows of its whole time,
+    and of its stages that emit the kernel, compile it and select steps. The cache and the run are
+    subfolders of ``folder``; the command must write the run to ``cold``."""
     study.say("timing a campaign with an empty cache of kernels ...")
     cache = {"SEPMC_CACHE_DIR": str(folder / "cache")}
     whole = seconds(lambda: subprocess_calls.run(command, cache))

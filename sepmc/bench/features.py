@@ -111,7 +111,7 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
 
 def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
     """Return a function that integrates the study's cases by the kernel of a variant, without
-    refining any; the kernel is compiled here."""
+    refining any. A kernel that is not in the cache is compiled here."""
     campaign = variant.campaign
     paths = {d.parameter.path for d in campaign.file.dispersions}
     columns = [

@@ -46,11 +46,11 @@ class Flops:
     Attributes
     ----------
     evaluations : dict of str to int
-        Number of evaluations of the rates in each phase, by its name.
+        Number of evaluations of the rates of the state in each phase, by its name.
     each : dict of str to float
         Flops of one of these evaluations, by name of the phase.
     rates, sums : float
-        Flops of all evaluations, and of all stage sums.
+        Flops of all evaluations, and of all sums of stages of the Runge-Kutta method.
     """
 
     evaluations: dict[str, int]

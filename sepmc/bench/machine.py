@@ -46,7 +46,7 @@ def _cpu() -> str:
 def fused_peak(threads: int, repeats: int) -> dict[str, float]:
     """Measure the rate of fused multiply-adds on a number of threads; return its ``best`` and
     ``median`` over the repeats (at least 7), Gflop/s. A multiply-add counts as two operations. The
-    number of threads stays set."""
+    number of threads of compiled code is set and not restored."""
     use_threads(threads)
     numbers = peak.blocks(threads)
     times = rounds({"": lambda: peak.multiply_add(numbers, _PASSES, 0.5, 0.5)}, max(repeats, 7))[""]

@@ -66,9 +66,9 @@ def reference_times() -> int:
 
 
 def make_reference(study: Study) -> Reference:
-    """Return the reference of a study: its cases by dop853 at twice as many steps again and again,
-    up to six times, until the change of the outcomes decreases no more. The other formulation
-    checks it on some of the cases."""
+    """Integrate the study's cases by dop853 and double the number of steps, up to six times, until
+    the change of the outcomes no longer decreases; check the result by the other formulation on
+    some of the cases. Return both as the reference."""
     campaign = study.with_settings({"solver.method": METHOD})
     integration = (
         study.integration if study.method == METHOD else select_steps(campaign, announce=study.say)
@@ -90,9 +90,9 @@ def make_reference(study: Study) -> Reference:
 def _refined(
     study: Study, variant: SolverVariant
 ) -> tuple[np.ndarray, np.ndarray, float, SolverVariant]:
-    """Double the steps of a variant, at most six times, while the change of the outcomes decreases.
-    Of the last variant before that, return the outcomes (n, o), the valid cases (n,), the change,
-    and the variant itself."""
+    """Double the number of steps of a variant, up to six times, until the change of the outcomes no
+    longer decreases. Return the outcomes (n, o) with the smallest change, the mask (n,) of cases
+    with status ok, that change, and the variant that gave them."""
     previous = variant.fly(study.inputs)
     best = None
     for _ in range(_DOUBLINGS):

@@ -29,7 +29,8 @@ def measure(study: Study) -> pd.DataFrame:
 
 
 def _by_cases(study: Study) -> list[dict[str, Any]]:
-    """Return the rows over the number of cases, up to the first that would take too long."""
+    """Time campaigns of more and more cases, up to the first number that would take too long;
+    return a table row (values by column) for each."""
     rows = []
     tree, name = study.campaign.file.tree, study.campaign.name
     seconds_per_case = 0.0  # s a case, of the size before
@@ -57,7 +58,8 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
 
 
 def _by_threads(study: Study) -> list[dict[str, Any]]:
-    """Return the rows over the number of threads: powers of two, and that of the study."""
+    """Time the study's cases on 1, 2, 4, ... threads and on all of the study; return a table row
+    (values by column) for each number."""
     cases, variant = study.own_cases, study.default
     rows: list[dict[str, Any]] = []
 

@@ -24,7 +24,7 @@ _MAX_VARIANT_S, _MIN_CASES, _MAX_TIMED = 0.3, 200, 1000
 
 @dataclass(frozen=True)
 class Study:
-    """Common data of one benchmark.
+    """Data that all parts of one benchmark share.
 
     Attributes
     ----------

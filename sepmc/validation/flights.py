@@ -78,8 +78,8 @@ class NominalRun:
         )
 
     def columns(self, pattern: str) -> Array:
-        """Three columns of the history as an array (n, 3), in the units of their names: those named
-        like ``pattern`` with x, y and z in place of its asterisk."""
+        """Array (n, 3) of the three history columns that ``pattern`` names if its asterisk is
+        replaced by x, y and z, in their units."""
         return self.history[[pattern.replace("*", axis) for axis in "xyz"]].to_numpy(dtype=float)
 
     def body(self, name: str) -> Track:
