@@ -1,2 +1,2 @@
-"""Benchmark of speed and accuracy of a scene on this machine: `bench` writes its parts into a
-folder."""
+"""Benchmark of speed and accuracy of a scene on this machine (`sepmc bench`):
+`sepmc.bench.bench.bench` measures its parts and writes them into a folder."""

@@ -1,4 +1,5 @@
-"""Benchmark of a scene: its parts in turn, tables on the screen, files and figures in a folder."""
+"""Benchmark of a scene: measures its parts one after the other, prints tables, and writes files and
+figures into a folder."""
 
 import warnings
 from collections.abc import Callable
@@ -52,19 +53,20 @@ def bench(
     ----------
     campaign : Campaign
     out : Path
-        Folder for ``bench.json``, a Parquet file per part, and the figures.
-    say : callable
+        Folder for ``bench.json``, a Parquet file for each part, and the figures.
+    say : callable (text)
         Receives progress messages and tables.
     cases, repeats : int, optional
-        10,000 and 7; 1000 and 3 if ``quick``.
+        Timed cases (default 10,000, or 1000 if ``quick``; fewer where the reference would take too
+        long) and repeats of each timing (default 7, or 3 if ``quick``).
     threads : int, optional
-        All if None.
+        Threads of the kernel; all available ones if None.
     quick : bool
-        Leaves out what takes minutes.
-    peers : callable, optional
-        Measures other engines on the same cases (columns of the table ``peers``).
+        Measure fewer settings, and leave out what takes minutes.
+    peers : callable (Study, Reference), optional
+        Measures other engines on the same cases; returns the table ``peers``.
     overwrite : bool
-        Replace an earlier benchmark.
+        Replace an earlier benchmark in the folder.
 
     Returns
     -------
@@ -74,9 +76,10 @@ def bench(
     Raises
     ------
     StoreError
-        If the folder cannot be used.
-    ValueError
-        If there are not so many threads.
+        If the folder contains other files, or a benchmark and ``overwrite`` is False, or is not
+        writable.
+    InputError
+        If ``threads`` exceeds the threads available.
     """
     threads = check_threads(threads) or max_threads()
     folder = open_folder(out, overwrite)
@@ -97,8 +100,9 @@ def bench(
 def _study(
     campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
-    """Return the study of a campaign: selected steps and sampled cases. If no number of cases is
-    given, fewer are sampled where the reference would take too long."""
+    """Return the study of a campaign: its sampled cases and the steps selected for it, without
+    histories; log its size. If ``cases`` is None, fewer than the default are sampled where the
+    reference solution would take more than `_MAX_REFERENCE_S` seconds."""
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     integration = select_steps(bare, announce=say)
     requested = cases or (QUICK_CASES if quick else CASES)
@@ -106,8 +110,8 @@ def _study(
     affordable = max(QUICK_CASES, int(_MAX_REFERENCE_S / (reference_times() * study.seconds)))
     if cases is None and affordable < requested:
         say(
-            f"{affordable} cases, as the reference for {requested} would take more than "
-            f"{_MAX_REFERENCE_S:g} s"
+            f"only {affordable} cases are run: the reference solution of {requested} would take "
+            f"more than {_MAX_REFERENCE_S:g} s; --cases sets the number"
         )
         study = replace(study, inputs=study.inputs[:affordable])
     say(
@@ -123,8 +127,9 @@ def _parts(
     peers: Callable[[Study, Reference], pd.DataFrame] | None,
     folder: Path,
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
-    """Measure every part in turn; report and write each as soon as it is complete. Return the
-    content of ``bench.json`` and the tables by part; ``history`` is the step of histories, s."""
+    """Measure every part one after the other; print it and write it to the folder as soon as it is
+    complete. Return the content of ``bench.json`` and the tables by name of the part. ``history``
+    is the interval of history rows, s."""
     results: dict[str, Any] = {
         "campaign": study.campaign.name,
         "digest": study.campaign.digest,
@@ -134,10 +139,13 @@ def _parts(
     frames: dict[str, pd.DataFrame] = {}
 
     def write() -> None:
+        """Write the results and tables so far to ``bench.json``."""
         tables = {name: frames[name].to_dict("records") for name in text.TABLES if name in frames}
         folders.write_json(folder / SUMMARY, results | tables)
 
     def keep(name: str, frame: pd.DataFrame) -> None:
+        """Write the table of a part as Parquet. If the part has a text table, also print it with
+        its warnings, and store both in ``bench.json``."""
         frames[name] = frame
         frame.to_parquet(folder / f"{name}.parquet", index=False)
         if name in text.TABLES:
@@ -151,8 +159,8 @@ def _parts(
     study.say(reference.sentence)
     if reference.floor > study.campaign.scene.solver.accuracy:
         study.say(
-            f"warning: the reference resolves errors down to {reference.floor:.1e} only, more "
-            "than the requested accuracy"
+            f"warning: the reference resolves errors only down to {reference.floor:.1e}, which is "
+            "more than solver.accuracy: smaller errors in the tables are not reliable"
         )
     results["reference"] = {
         "how": reference.how,
@@ -173,7 +181,7 @@ def _parts(
     keep("stages", command_stages.measure(study, history))
     results["same_bits"] = bits.same_bits(study)
     study.say(
-        "same bits: "
+        "outcomes the same to the last bit with: "
         + "; ".join(
             f"{change}: {'yes' if same else 'NO'}" for change, same in results["same_bits"].items()
         )
@@ -189,7 +197,8 @@ def _parts(
 
 
 def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """Return the most important numbers and names of a benchmark, by label with unit."""
+    """Return the most important results of a benchmark, by label with unit, from its tables by
+    part; measures the peak rate of multiply-adds of the machine for them."""
     table = frames["work_precision"]
     default = table[table["default"]].iloc[0]
     headlines: dict[str, Any] = {

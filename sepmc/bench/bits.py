@@ -1,5 +1,5 @@
-"""Bit equality of results for any number of threads, chunk size and order of cases, and for one
-case alone."""
+"""Check that outcomes are the same to the last bit for any number of threads, size of chunks and
+order of cases, and for one case alone."""
 
 from collections.abc import Callable, Iterator
 
@@ -14,8 +14,9 @@ ALONE = (0, 3, -1)
 
 
 def same_bits(study: Study) -> dict[str, bool]:
-    """Return, for each kind of change (threads, chunks, order, one case alone), True if outcomes
-    and statuses stay the same to the last bit."""
+    """Return True or False for each kind of change (threads, chunks, order, one case alone), by its
+    description: True if outcomes and statuses stay the same to the last bit. At most 2000 cases are
+    run for each."""
     inputs = study.inputs[: min(MAX_CASES, study.own_cases)]
     variant = SolverVariant(study.integration, study.campaign, len(inputs))
     use_threads(study.threads)
@@ -31,12 +32,16 @@ Trial = tuple[Callable[[], RowBatch], Callable[[RowBatch], RowBatch]]
 
 
 def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[str, Iterator[Trial]]:
-    """Return by kind of change the runs, each with the selection of the expected rows."""
+    """Return the trials of each kind of change, by its description. A trial is a pair of functions:
+    one integrates cases under the change, the other selects from the results of all cases the rows
+    that must be equal to those of the first."""
 
     def all_of(rows: RowBatch) -> RowBatch:
+        """Return all rows."""
         return rows
 
     def on_one_thread() -> RowBatch:
+        """Integrate all cases on one thread; then set the threads of the study again."""
         use_threads(1)
         try:
             return _integrate(variant, inputs)
@@ -44,12 +49,15 @@ def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[st
             use_threads(study.threads)
 
     def in_chunks(size: int) -> Callable[[], RowBatch]:
+        """Return a function that integrates the first cases in chunks of ``size``, at most 200
+        chunks."""
         subset = inputs[: 200 * size]  # small chunks need not cover all
         return lambda: _concatenate(
             [_integrate(variant, subset[i : i + size]) for i in range(0, len(subset), size)]
         )
 
     def alone(i: int) -> Callable[[], RowBatch]:
+        """Return a function that integrates case ``i`` alone; -1 is the last one."""
         return lambda: _integrate(variant, inputs[i : i + 1] if i >= 0 else inputs[i:])
 
     return {
@@ -75,23 +83,25 @@ def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[st
 
 
 def _integrate(variant: SolverVariant, inputs: np.ndarray) -> RowBatch:
-    """Return outcomes and statuses of cases."""
+    """Integrate the cases of ``inputs`` (n, d), SI; return their outcomes (n, o) and statuses
+    (n,)."""
     block = variant.fly(inputs)
     return block.outcomes, block.status
 
 
 def _select(batch: RowBatch, rows: slice) -> RowBatch:
-    """Select rows of outcomes and statuses."""
+    """Return the slice ``rows`` of outcomes and of statuses."""
     return batch[0][rows], batch[1][rows]
 
 
 def _concatenate(parts: list[RowBatch]) -> RowBatch:
-    """Concatenate batches of rows."""
+    """Concatenate the outcomes and the statuses of several batches of cases."""
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
 def _identical(one: RowBatch, other: RowBatch) -> bool:
-    """Compare bit for bit: NaN equals itself, 0 differs from -0."""
+    """Return True if outcomes and statuses of two batches are equal bit for bit: NaN equals itself,
+    0 differs from -0."""
     return all(
         a.shape == b.shape
         and np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()

@@ -6,26 +6,29 @@ from statistics import median, quantiles
 
 
 def seconds(task: Callable[[], object]) -> float:
-    """Return the wall time of a task, s."""
+    """Call ``task`` and return the wall time that it took, s."""
     start = time.perf_counter()
     task()
     return time.perf_counter() - start
 
 
 def rounds(tasks: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
-    """Time several tasks in rounds.
+    """Time several tasks in rounds, each of which calls every task once.
+
+    A disturbance of the machine then affects all tasks alike, so that ratios of their times stay
+    valid.
 
     Parameters
     ----------
     tasks : mapping of name to callable
     repeats : int
-        Rounds after a warm-up; fewer, but at least one, for a task that takes more than `_MAX_S`.
+        Rounds after a first one that is not counted. A slow task is called in fewer of them, at
+        least one, so that its calls take `_MAX_S` seconds or little more.
 
     Returns
     -------
     dict of name to list of float
-        Wall times, s. In rounds, a disturbance of the machine affects all tasks alike, so that
-        ratios stay valid.
+        Wall times, s, of the counted calls.
     """
     times: dict[str, list[float]] = {name: [] for name in tasks}
     first = {name: seconds(task) for name, task in tasks.items()}
@@ -40,7 +43,7 @@ _MAX_S = 15.0
 
 
 def spread(times: Sequence[float]) -> float:
-    """Return the interquartile range of times over their median; NaN for a single one."""
+    """Return the interquartile range of times over their median; NaN for a single time."""
     if len(times) < 2:
         return float("nan")
     low, _, high = quantiles(times, n=4, method="inclusive")

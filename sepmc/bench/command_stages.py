@@ -1,4 +1,5 @@
-"""Time by stage of a campaign in a fresh process, and of whole commands, warm and cold."""
+"""Time of the stages of a campaign in a fresh process, and of whole commands, with a warm and with
+an empty (cold) cache of kernels."""
 
 import sys
 import tempfile
@@ -22,16 +23,16 @@ _IMPORTS = "import numba, pandas, pyarrow"
 
 
 def measure(study: Study, history_step: float) -> pd.DataFrame:
-    """Measure stages and commands.
+    """Measure the time of the stages of a campaign, and of whole commands.
 
-    Stages are those of a process that runs the study's cases into a folder with a warm cache. A
-    cold command compiles its kernels into an empty cache folder.
+    Stages are those of a fresh process that runs the study's cases into a folder with a warm cache.
+    A cold command compiles its kernels into an empty cache folder; it is left out of a quick study.
 
     Parameters
     ----------
     study : Study
     history_step : float
-        Step of the histories, s.
+        Interval of history rows, s; 0 for no histories.
 
     Returns
     -------
@@ -72,8 +73,10 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]]:
-    """Time the campaign with an empty cache folder, and its compilation."""
-    study.say("running with an empty cache folder ...")
+    """Time the campaign command with an empty cache folder; return table rows of its whole time,
+    and of its stages that emit the kernel, compile it and select steps. The cache and the run are
+    subfolders of ``folder``; the command must write the run to ``cold``."""
+    study.say("timing a campaign with an empty cache of kernels ...")
     cache = {"SEPMC_CACHE_DIR": str(folder / "cache")}
     whole = seconds(lambda: subprocess_calls.run(command, cache))
     timing = manifests.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]
@@ -84,7 +87,7 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
 
 
 def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
-    """Build the row of `measure` of a stage or command from its times, s."""
+    """Return the row of a stage or command in the table of `measure`, from its times, s."""
     return {
         "stage": name,
         "kind": kind,
@@ -96,8 +99,9 @@ def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
 
 
 def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
-    """Return the times, s, of the stages of a campaign in this fresh process, except imports, which
-    are timed in another."""
+    """Run a campaign in this fresh process and return the time of each of its stages by name, s;
+    imports are timed in another process. The run is written to the subfolder ``stages`` of
+    ``folder``."""
     times = {"import": import_seconds()}
     campaign = load(file)
     history = campaign.scene.run.history_step > 0.0
@@ -126,7 +130,7 @@ def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, f
 
 
 def import_seconds() -> float:
-    """Return the time to import what a campaign needs, in a fresh process, s."""
+    """Return the time that a fresh process takes to import what a campaign needs, s."""
     program = (
         "import time; t = time.perf_counter(); import sepmc.campaign.campaign, "
         "sepmc.engine.blocks; print(time.perf_counter() - t)"

@@ -1,4 +1,4 @@
-"""Cost of each feature of a scene: the same cases in the same steps with and without it."""
+"""Cost of each feature of a scene: the same cases in the same steps, with it and without it."""
 
 import copy
 from collections.abc import Callable
@@ -27,8 +27,9 @@ _HISTORY_ROWS = 50  # if the scene has no histories
 
 @dataclass(frozen=True)
 class Variant:
-    """A campaign without the ``feature`` of that name, or with histories; ``change`` is a text on
-    the difference from the scene."""
+    """Campaign that lacks the feature named ``feature``; or the whole scene (`ALL`), or the scene
+    with histories (`HISTORIES`). ``change`` states the difference from the scene, as text for
+    users."""
 
     feature: str
     change: str
@@ -36,22 +37,22 @@ class Variant:
 
 
 def measure(study: Study, history_step: float) -> pd.DataFrame:
-    """Measure time and flops without each feature.
+    """Measure time and operations of a scene without each of its features.
 
-    The kernel of each variant is emitted and compiled; only the kernel is timed, in the steps of
+    The kernel of each variant is emitted and compiled; only its calls are timed, in the steps of
     the whole scene and on one thread, as two may share a core.
 
     Parameters
     ----------
     study : Study
     history_step : float
-        Step of the histories, s; 0 for the default.
+        Interval of history rows in the variant with histories, s; 0: 50 rows over the run.
 
     Returns
     -------
     DataFrame, a row for the whole scene, then one without each feature
-        Time ``ms`` of 10,000 cases, flops (NaN if not counted), and ``time_ratio`` and
-        ``flop_ratio``, over those of the whole scene.
+        Time ``ms`` of 10,000 cases; flops (NaN if not counted); ``time_ratio`` and ``flop_ratio``,
+        time and flops over those of the whole scene.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)
@@ -79,8 +80,9 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
-    """Count the operations of variants, several at once; equal kernels are counted once. An entry
-    is None if its variant is not counted."""
+    """Count the operations of each variant, several at once; equal kernels are counted once. Return
+    an entry for each variant, None if it is not counted: none with the full formulation, only the
+    whole scene and that without an atmosphere if the study is quick."""
     # its elimination is in loops, whose code does not show the number of iterations
     if study.formulation == FULL:
         return [None] * len(variants)
@@ -93,7 +95,8 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
     texts = {v.feature: kernel_text(v.campaign) for v in counted}
     unique = {text: v for v in reversed(counted) for text in [texts[v.feature]]}
     study.say(
-        f"counting the operations of {len(unique)} kernels (some twenty seconds each, once) ..."
+        f"counting the operations of {len(unique)} kernels, which takes about twenty seconds for "
+        "each ..."
     )
     with ThreadPoolExecutor(study.threads) as pool:
         counts = dict(
@@ -107,7 +110,8 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
 
 
 def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
-    """Return a callable that runs the cases by the kernel alone, without refinement."""
+    """Return a function that integrates the study's cases by the kernel of a variant, without
+    refining any. A kernel that is not in the cache is compiled here."""
     campaign = variant.campaign
     paths = {d.parameter.path for d in campaign.file.dispersions}
     columns = [
@@ -138,15 +142,16 @@ def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
 
 
 def _has_same_segments(study: Study, campaign: Campaign) -> bool:
-    """Return True if the kernel of a campaign has as many segments as the study's, so that the
-    steps apply."""
+    """Return True if the kernel of a campaign has as many segments as that of the study, so that
+    the steps selected for the study apply to it."""
     spec = kernel_spec(campaign)
     return len(spec.segments) == study.integration.kernel.n_segments
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
-    """Return the whole scene, then a variant without each of its features; invalid ones are
-    reported and left out."""
+    """Return the whole scene, then a variant without each of its features, and last one with
+    histories. A feature without which the scene is invalid, or has other segments, is reported and
+    left out."""
     scene = study.campaign.scene
     variants = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
     tables = tuple(f"body.{b}.aerodynamics" for b, body in scene.body.items() if body.aerodynamics)
@@ -168,13 +173,14 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
                 campaign = _without(study.campaign, removed, settings)
             except SceneError as error:
                 study.say(
-                    f"cost of {feature}: the scene is invalid without it: {error.problems[0]}"
+                    f"cost of {feature} is not measured: the scene is invalid without it: "
+                    f"{error.problems[0]}"
                 )
                 continue
             if not _has_same_segments(study, campaign):
                 study.say(
-                    f"cost of {feature} is not measured: without it the scene has other segments, "
-                    "so the selected steps do not apply"
+                    f"cost of {feature} is not measured: without it the scene has another number "
+                    "of kernel segments, so the selected steps do not apply"
                 )
                 continue
             variants.append(Variant(feature, change, campaign))
@@ -186,7 +192,8 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
 
 
 def _without(campaign: Campaign, removed: tuple[str, ...], settings: dict[str, Any]) -> Campaign:
-    """Return a campaign without some tables and their dispersions."""
+    """Return a campaign without the tables at the paths ``removed`` and their dispersions, and with
+    ``settings``, values by path."""
     tree = copy.deepcopy(campaign.file.tree)
     for path in removed:
         node, *rest = tree, *path.split(".")

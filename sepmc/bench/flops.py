@@ -41,8 +41,17 @@ _ARITHMETIC = re.compile(
 
 @dataclass(frozen=True)
 class Flops:
-    """Operations of one case: ``evaluations`` and flops of one of them by phase, flops of all
-    evaluations (``rates``) and of the stage sums (``sums``)."""
+    """Floating-point operations (flops) of one case.
+
+    Attributes
+    ----------
+    evaluations : dict of str to int
+        Number of evaluations of the rates of the state in each phase, by its name.
+    each : dict of str to float
+        Flops of one of these evaluations, by name of the phase.
+    rates, sums : float
+        Flops of all evaluations, and of all sums of stages of the Runge-Kutta method.
+    """
 
     evaluations: dict[str, int]
     each: dict[str, float]
@@ -51,17 +60,18 @@ class Flops:
 
     @property
     def total(self) -> float:
-        """Flops of a case: evaluations and stage sums."""
+        """Flops of the case: evaluations and stage sums."""
         return self.rates + self.sums
 
     @property
     def evaluation(self) -> float:
-        """Mean flops of an evaluation."""
+        """Mean flops of an evaluation over all phases."""
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
 def count(campaign: Campaign, integration: Integration) -> Flops | None:
-    """Count the operations of a case; None if the compiled code does not show them."""
+    """Count the operations of the first case of a campaign in the steps and methods of
+    ``integration``; return None if the compiled code does not show those of every phase."""
     shape = make_kernel_spec(campaign.layout, campaign.dispersed)
     phase_names = shape.names.of["phase"]
     solver = integration.one_method
@@ -94,7 +104,9 @@ def count(campaign: Campaign, integration: Integration) -> Flops | None:
 
 
 def _flops_by_phase(text: str, segment_of_phase: dict[str, str]) -> dict[str, float]:
-    """Return the flops of an evaluation by phase, where the code shows them."""
+    """Return the flops of an evaluation by generated name of the phase, without phases whose code
+    does not show them. ``text`` is the source of the kernel; ``segment_of_phase`` names the segment
+    with the code of each phase."""
     texts = {unit.name: unit.text for unit in split(text)}
     by_phase = {
         phase: flops_of_unit(texts[f"rates_{segment}"])
@@ -104,19 +116,20 @@ def _flops_by_phase(text: str, segment_of_phase: dict[str, str]) -> dict[str, fl
 
 
 def flops_of_unit(text: str) -> float | None:
-    """Return the flops per lane of a compile unit, given as source text; None if its function is
-    not in the code."""
+    """Compile the source text of a compile unit and return the flops per lane (case) of one call;
+    None if its function is not in the compiled code."""
     return flops_in_llvm(str(optimised(assembly(text, ENTRY))), ENTRY)
 
 
 def flops_in_llvm(code: str, name: str) -> float | None:
-    """Return the flops per lane of a function in LLVM code; None if it is absent."""
+    """Return the flops per lane (case) of the function ``name`` in LLVM code; None if it is
+    absent."""
     bodies = (match[0] for match in _FUNCTION.finditer(code) if match[1] == name)
     return next(map(_flops_per_lane, bodies), None)
 
 
 def _flops_per_lane(body: str) -> float:
-    """Return the flops per lane of a function body."""
+    """Return the flops per lane (case) of one call, from the LLVM code of a function."""
     widths = [int(width or 1) for width in _ARITHMETIC.findall(body)]
     # an iteration handles its own lanes, all iterations all of them
     is_loop = " phi " in body
@@ -131,14 +144,21 @@ def count_evaluations(
     solver: str | None,
     methods: list[str],
 ) -> dict[str, int]:
-    """Return the evaluations of a case by phase; needs a process in which formulas run as plain
-    Python."""
+    """Integrate the first case of a campaign as plain Python; return the number of evaluations of
+    the rates by name of the phase.
+
+    It must be called in a process in which formulas run as plain Python (environment variable
+    `PLAIN`). ``tree`` and ``name`` are the content and name of the file; the others are those of an
+    `Integration`.
+    """
     campaign = Campaign(parse_campaign(tree, name))
     kernel = interpreted.load(kernel_text(campaign, solver))
     module = kernel.plain
     calls: collections.Counter[str] = collections.Counter()
 
     def counted(phase: str, function: Any) -> Any:
+        """Return ``function``, changed to count its calls under ``phase``."""
+
         def rates(*arguments: Any) -> Any:
             calls[phase] += 1
             return function(*arguments)

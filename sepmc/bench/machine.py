@@ -1,4 +1,4 @@
-"""Description and peak performance of the machine."""
+"""Description and peak rate of multiply-adds of this machine."""
 
 import os
 import platform
@@ -16,8 +16,8 @@ _PASSES = 10_000  # some 3 ms
 
 
 def describe(threads: int) -> dict[str, Any]:
-    """Return processor, what code is compiled for, cores, threads and versions of packages, by
-    name."""
+    """Return the processor, what code is compiled for, the number of cores and of available
+    threads, ``threads`` (those of the benchmark) and the versions of packages, by name."""
     return {
         "cpu": _cpu(),
         "compiled_for": f"{processor()}, {vector_extension()}",
@@ -29,7 +29,7 @@ def describe(threads: int) -> dict[str, Any]:
 
 
 def _cpu() -> str:
-    """Return the name of the processor."""
+    """Return the name of the processor; "unknown" if the system does not report it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -44,8 +44,9 @@ def _cpu() -> str:
 
 
 def fused_peak(threads: int, repeats: int) -> dict[str, float]:
-    """Return the measured Gflop/s of fused multiply-adds, best and median of the repeats; an FMA
-    counts as two."""
+    """Measure the rate of fused multiply-adds on a number of threads; return its ``best`` and
+    ``median`` over the repeats (at least 7), Gflop/s. A multiply-add counts as two operations. The
+    number of threads of compiled code is set and not restored."""
     use_threads(threads)
     numbers = peak.blocks(threads)
     times = rounds({"": lambda: peak.multiply_add(numbers, _PASSES, 0.5, 0.5)}, max(repeats, 7))[""]

@@ -1,5 +1,5 @@
-"""Reference solution for errors: the same scene in steps so small that round-off remains, and a
-second opinion."""
+"""Reference solution of the cases of a benchmark: the same scene in steps so small that round-off
+remains, and a check of it by the other formulation of the equations."""
 
 from dataclasses import dataclass, replace
 
@@ -16,19 +16,22 @@ _MAX_CHECKED = 500  # cases run by the other formulation for the second opinion
 
 @dataclass(frozen=True)
 class Reference:
-    """Reference outcomes (n, o) in SI.
+    """Reference solution of n cases.
 
-    Parameters
+    Attributes
     ----------
+    outcomes : ndarray, shape (n, o)
+        SI.
     valid : ndarray, shape (n,), bool
-        Cases that finished.
+        Cases that ended with status ok.
     how, setting : str
         Formulation, method and steps in words; the steps alone.
     change : float
-        Error by which the last doubling of the steps changed the outcomes.
-    other, difference, checked : str, float, int
-        The other formulation, method and steps in words; the largest error between it and the
-        reference; and the number of cases it ran.
+        Largest relative error of the outcomes at half as many steps.
+    other : str
+        The check: the other formulation, its method and steps in words.
+    difference, checked : float, int
+        Largest error between the check and the reference, and the number of cases of the check.
     """
 
     outcomes: np.ndarray
@@ -42,12 +45,13 @@ class Reference:
 
     @property
     def floor(self) -> float:
-        """Smallest error that the reference resolves."""
+        """Smallest error that can be measured against the reference."""
         return max(self.change, self.difference)
 
     @property
     def sentence(self) -> str:
-        """Description of the reference and its uncertainty."""
+        """Sentence on how the reference was made and how far halved steps and the check differ from
+        it."""
         return (
             f"reference: {self.how}, {len(self.valid)} cases; halving its resolution changes "
             f"{self.change:.1e}; the {self.other}, "
@@ -56,13 +60,15 @@ class Reference:
 
 
 def reference_times() -> int:
-    """Return the largest time of `make_reference`, over that of one run of the cases."""
+    """Return the largest time that `make_reference` may take, as a multiple of the time of one run
+    of all cases."""
     return sum(2**k for k in range(_DOUBLINGS + 1))
 
 
 def make_reference(study: Study) -> Reference:
-    """Return the reference of a study: its cases at ever smaller steps, until halving these
-    changes the outcomes no less than before."""
+    """Integrate the study's cases by dop853 and double the number of steps, up to six times, until
+    the change of the outcomes no longer decreases; check the result by the other formulation on
+    some of the cases. Return both as the reference."""
     campaign = study.with_settings({"solver.method": METHOD})
     integration = (
         study.integration if study.method == METHOD else select_steps(campaign, announce=study.say)
@@ -84,8 +90,9 @@ def make_reference(study: Study) -> Reference:
 def _refined(
     study: Study, variant: SolverVariant
 ) -> tuple[np.ndarray, np.ndarray, float, SolverVariant]:
-    """Double the steps while the change decreases; return outcomes, valid cases, last change and
-    variant."""
+    """Double the number of steps of a variant, up to six times, until the change of the outcomes no
+    longer decreases. Return the outcomes (n, o) with the smallest change, the mask (n,) of cases
+    with status ok, that change, and the variant that gave them."""
     previous = variant.fly(study.inputs)
     best = None
     for _ in range(_DOUBLINGS):
@@ -101,8 +108,8 @@ def _refined(
 
 
 def _second_opinion(study: Study, own: SolverVariant, factor: int) -> SolverVariant:
-    """Return the other formulation of the equations at ``factor`` times the steps, for some of the
-    cases."""
+    """Return a variant that checks the reference: the other formulation of the equations in
+    ``factor`` times the steps of ``own``, with at most 500 cases (50 if the study is quick)."""
     other = "reduced" if own.formulation == FULL else FULL
     variant = own.by_formulation(study, other)
     cases = min(own.cases, _MAX_CHECKED // (10 if study.quick else 1))

@@ -1,4 +1,4 @@
-"""Estimated error of every case (column ``error``) against its true error."""
+"""Estimated error of every case (column ``error`` of its row) against its true error."""
 
 import numpy as np
 import pandas as pd
@@ -11,12 +11,13 @@ _QUANTILES = (0.01, 0.5, 0.99)
 
 
 def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str, float]]:
-    """Compare the estimated and the true error of every case.
+    """Compare the estimated with the true error of every case that has both.
 
     Returns
     -------
     frame : DataFrame, a row per case
-        ``error``, ``true_error`` (largest of the outcomes that count) and its ``outcome``.
+        ``case``; the estimated ``error``; ``true_error``, the largest of the outcomes, without
+        times and positions of extremes; and the ``outcome`` that has it.
     summary : dict of str to float
         Number of cases and of refined ones, largest errors, and quantiles of the true over the
         estimated error.
@@ -56,13 +57,14 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
 
 
 def sentence(summary: dict[str, float]) -> str:
-    """Render the summary of `measure` as a sentence."""
+    """Return the summary of `measure` as a sentence."""
     return (
-        "column error: true errors are "
-        f"{summary['true_over_told_median']:.2g} of it in the median case, "
+        "column error: the true error over the estimated one is "
+        f"{summary['true_over_told_median']:.2g} in the median case, "
         f"{summary['true_over_told_1_percent']:.2g} to "
         f"{summary['true_over_told_99_percent']:.2g} in 98 % of the cases "
-        f"and at most {summary['true_over_told_most']:.2g}; the largest is "
-        f"{summary['largest_error']:.1e}, the true one {summary['largest_true_error']:.1e}; "
+        f"and at most {summary['true_over_told_most']:.2g}; the largest estimated error is "
+        f"{summary['largest_error']:.1e}, the largest true one "
+        f"{summary['largest_true_error']:.1e}; "
         f"{summary['flown_again']} of {summary['cases']} cases were refined"
     )

@@ -1,4 +1,4 @@
-"""Time and memory over the number of cases; time over the number of threads."""
+"""Time and peak memory over the number of cases, and time over the number of threads."""
 
 import resource
 import sys
@@ -22,20 +22,22 @@ _MAX_S = 20.0  # kernel time of one run
 
 
 def measure(study: Study) -> pd.DataFrame:
-    """Measure scaling; a row per size, run in a process of its own with ``stats_only``, and per
-    number of threads."""
+    """Measure scaling; return a table with a row for each number of cases, which a process of its
+    own runs with ``stats_only``, and one for each number of threads; column ``over`` names
+    which."""
     return pd.DataFrame(_by_cases(study) + _by_threads(study))
 
 
 def _by_cases(study: Study) -> list[dict[str, Any]]:
-    """Return the rows over the number of cases."""
+    """Time campaigns of more and more cases, up to the first number that would take too long;
+    return a table row (values by column) for each."""
     rows = []
     tree, name = study.campaign.file.tree, study.campaign.name
     seconds_per_case = 0.0  # s a case, of the size before
     for cases in SIZES[:2] if study.quick else SIZES:
         limit = _MAX_S / 10.0 if study.quick else _MAX_S
         if seconds_per_case * cases > limit:
-            study.say(f"{cases} cases are left out: they would take more than {limit:g} s")
+            study.say(f"scaling ends before {cases} cases, which would take over {limit:g} s")
             break
         repeats = study.repeats if seconds_per_case * cases < 1.0 else 1
         study.say(f"running {cases} cases ...")
@@ -56,11 +58,13 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
 
 
 def _by_threads(study: Study) -> list[dict[str, Any]]:
-    """Return the rows over the number of threads."""
+    """Time the study's cases on 1, 2, 4, ... threads and on all of the study; return a table row
+    (values by column) for each number."""
     cases, variant = study.own_cases, study.default
     rows: list[dict[str, Any]] = []
 
     def run_on(threads: int) -> None:
+        """Integrate the study's cases on a number of threads."""
         use_threads(threads)
         variant.fly(study.inputs)
 
@@ -87,7 +91,7 @@ def run_campaign(
     tree: dict[str, Any], name: str, cases: int, threads: int, repeats: int
 ) -> dict[str, float]:
     """Run a campaign ``repeats`` times in this process, statistics only; return the median times of
-    kernel and sampling, s, and the peak memory, MB, by name with unit."""
+    kernel and sampling, s, and the peak memory, MB: ``kernel_s``, ``sample_s``, ``peak_MB``."""
     campaign = Campaign(parse_campaign(tree, name))
     campaign.run(1, threads=threads, stats_only=True, announce=no_log)
     timings = [
@@ -99,8 +103,8 @@ def run_campaign(
 
 
 def peak_memory() -> float:
-    """Return the peak memory of this process, bytes; on Linux `getrusage` would include that of its
-    parent."""
+    """Return the peak memory of this process, bytes; on Linux without that of its parent, which
+    `getrusage` would include."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:

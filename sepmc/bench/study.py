@@ -1,4 +1,5 @@
-"""Study: the campaign, cases, default steps and repeats that all parts of a benchmark share."""
+"""Study: the cases, selected steps and repeats that all parts of a benchmark share; and variants of
+solver settings that are run on its cases."""
 
 import time
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ _MAX_VARIANT_S, _MIN_CASES, _MAX_TIMED = 0.3, 200, 1000
 
 @dataclass(frozen=True)
 class Study:
-    """Common data of one benchmark.
+    """Data that all parts of one benchmark share.
 
     Attributes
     ----------
@@ -32,11 +33,13 @@ class Study:
     integration : Integration
         Kernel, methods and steps selected for the campaign.
     inputs : ndarray, shape (cases, d)
-        SI, stored by column, as a campaign passes them to the kernel.
+        Dispersed inputs of every case, SI, stored by column, as a campaign passes them to the
+        kernel.
     repeats, threads : int
+        Repeats of each timing; threads of the kernel.
     quick : bool
-        Fewer settings, and nothing that takes minutes.
-    say : callable
+        Measure fewer settings, and nothing that takes minutes.
+    say : callable (text)
         Receives progress messages.
     """
 
@@ -55,17 +58,17 @@ class Study:
 
     @property
     def method(self) -> str:
-        """Name of the scene's Runge-Kutta method."""
+        """Name of the scene's Runge-Kutta method, or "auto"."""
         return self.campaign.scene.solver.method
 
     @property
     def formulation(self) -> str:
-        """Formulation of the equations in the scene."""
+        """Formulation of the equations in the scene: "reduced" or "full"."""
         return self.campaign.scene.solver.formulation
 
     @cached_property
     def seconds(self) -> float:
-        """Approximate time of a case in the default variant, s."""
+        """Approximate time of a case with the selected steps, s; measured once."""
         subset = self.inputs[: self.part(self.formulation)][:_MAX_TIMED]
         self.default.fly(subset)  # warm-up
         start = time.perf_counter()
@@ -73,14 +76,14 @@ class Study:
         return (time.perf_counter() - start) / len(subset)
 
     def affordable(self, evaluations: int) -> int:
-        """Return the number of cases that take a third of a second if each needs this number of
+        """Return the number of cases that take about 0.3 s if each needs this number of
         evaluations; at least 200, at most all."""
         seconds_per_case = self.seconds * evaluations / max(1, self.default.evaluations)
         return min(self.cases, max(_MIN_CASES, int(_MAX_VARIANT_S / seconds_per_case)))
 
     def part(self, formulation: str) -> int:
-        """Return the number of cases that a formulation runs: all, or a sixteenth (at least 16) of
-        them by the full one."""
+        """Return the number of cases to run with a formulation: all with "reduced", a sixteenth (at
+        least 16) with "full", which takes some 50 times as long."""
         return (
             min(self.cases, max(_MIN_FULL_CASES, self.cases // _FULL_FRACTION))
             if formulation == FULL
@@ -89,12 +92,13 @@ class Study:
 
     @property
     def own_cases(self) -> int:
-        """Number of cases that the scene's own formulation runs."""
+        """Number of cases to run with the scene's own formulation; see `part`."""
         return self.part(self.formulation)
 
     @property
     def default(self) -> "SolverVariant":
-        """Variant with the selected steps."""
+        """Variant that a run of the campaign would take: the scene's method and formulation, and
+        the steps selected for them (or given in the file)."""
         return SolverVariant(
             self.integration,
             self.campaign,
@@ -114,13 +118,18 @@ class Study:
         return [c.name for c in self.campaign.outcome_columns]
 
     def with_settings(self, settings: dict[str, Any]) -> Campaign:
-        """Return the campaign with other values, by TOML path, as `Campaign.with_settings`."""
+        """Return the campaign of the study with other values, by TOML path, as
+        `Campaign.with_settings`."""
         return self.campaign.with_settings(settings)
 
     def error(self, block: Block, reference: np.ndarray, valid: np.ndarray) -> tuple[float, str]:
-        """Return the largest relative error of the outcomes of a block against ``reference`` (n, o)
-        and the name of the outcome; over the cases that finished in the block and are ``valid``
-        (n,), without times and positions of extremes, which do not converge with the steps."""
+        """Return the largest relative error of the outcomes of a block against ``reference`` (n,
+        o), and the name of the outcome that has it.
+
+        Only cases count that have status ok in the block and are ``valid`` (n,) in the reference;
+        times and positions of extremes do not count, as they do not converge with the steps.
+        Without such a case the error is infinite and the name empty.
+        """
         n = min(len(block.status), len(valid))
         return self.error_of(
             block.outcomes[:n, : len(self.names)], block.status[:n] == Status.OK, reference, valid
@@ -129,8 +138,9 @@ class Study:
     def error_of(
         self, outcomes: np.ndarray, ok: np.ndarray, reference: np.ndarray, valid: np.ndarray
     ) -> tuple[float, str]:
-        """Return `error` for outcomes (n, o) of the first n cases, of which ``ok`` (n,) finished;
-        scaled by the scatter over all cases of the reference."""
+        """Return the same as `error`, from outcomes (m, o) of the first m cases, of which ``ok``
+        (m,) have status ok. Errors are scaled by the scatter over all cases of the reference (n,
+        o)."""
         common = np.flatnonzero(ok & valid[: len(outcomes)])
         if not len(common):
             return np.inf, ""
@@ -148,8 +158,20 @@ class Study:
 
 @dataclass(frozen=True)
 class SolverVariant:
-    """Campaign with a method and formulation, selected or given steps, and number of cases to run;
-    ``default`` if the steps are those that a run of the campaign would take."""
+    """Campaign with a method, formulation and steps, and the number of cases of the study to run
+    with them.
+
+    Attributes
+    ----------
+    integration : Integration
+        Kernel, methods and steps.
+    campaign : Campaign
+    cases : int
+    requested : float
+        Accuracy for which the steps were selected; NaN if they were derived from other steps.
+    default : bool
+        The steps are those that a run of the campaign would take.
+    """
 
     integration: Integration
     campaign: Campaign
@@ -159,17 +181,18 @@ class SolverVariant:
 
     @property
     def method(self) -> str:
-        """Name of the Runge-Kutta method."""
+        """Name of the Runge-Kutta method, or "auto"."""
         return self.campaign.scene.solver.method
 
     @property
     def formulation(self) -> str:
-        """Formulation of the equations."""
+        """Formulation of the equations: "reduced" or "full"."""
         return self.campaign.scene.solver.formulation
 
     @property
     def setting(self) -> str:
-        """Steps in words: the scene's fixed step, or the number of each segment."""
+        """Steps in words: the fixed step, as "step 0.01 s", or the number of steps in each segment,
+        as "steps 1 tp7 2 sharp9"."""
         if self.integration.step is not None:
             return f"step {self.integration.step:.4g} s"
         steps, names = self.integration.steps.tolist(), self.integration.method_names
@@ -181,11 +204,13 @@ class SolverVariant:
 
     @property
     def evaluations(self) -> int:
-        """Approximate evaluations of a case; for a fixed step only in proportion."""
+        """Approximate number of evaluations of a case; with a fixed step only proportional to
+        it."""
         return self.integration.evaluations
 
     def by_formulation(self, study: Study, other: str) -> "SolverVariant":
-        """Return the same steps with the other formulation of the equations."""
+        """Return a variant with the same steps and the formulation ``other``, whose kernel is
+        compiled here; no case of it is refined."""
         settings = {"solver.method": self.method, "solver.formulation": other}
         campaign = study.with_settings(settings)
         integration = replace(
@@ -198,10 +223,12 @@ class SolverVariant:
         return SolverVariant(integration, campaign, study.part(other), self.requested)
 
     def fly(self, inputs: np.ndarray) -> Block:
-        """Integrate the first ``cases`` of the inputs (n, d), SI."""
+        """Integrate the first `cases` cases of ``inputs`` (n, d), SI; return the block of
+        results."""
         return integrate(self.campaign, self.integration, inputs[: self.cases])
 
 
 def sample_inputs(campaign: Campaign, count: int) -> np.ndarray:
-    """Return the inputs of the first ``count`` cases of a campaign, (count, d), SI."""
+    """Sample the first ``count`` cases of a campaign; return their dispersed inputs (count, d),
+    SI."""
     return campaign.sample(0, count) * campaign.factors

@@ -1,5 +1,5 @@
-"""Functions of the benchmark called in another Python process: with another cache folder, without
-the JIT, or from a fresh start."""
+"""Calls of functions of the benchmark in another Python process: with another cache folder, with
+kernels as plain Python, or in a fresh start."""
 
 import importlib
 import json
@@ -12,8 +12,8 @@ _PROGRAM = "from sepmc.bench.subprocess_calls import main; main()"
 
 
 def environment(changes: dict[str, str] | None = None) -> dict[str, str]:
-    """Return the environment variables of a process that imports from the same path as this one,
-    with ``changes``."""
+    """Return the environment variables of this process with ``changes``, and with a PYTHONPATH by
+    which a new process imports from the same folders as this one."""
     return {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
@@ -22,13 +22,15 @@ def environment(changes: dict[str, str] | None = None) -> dict[str, str]:
 
 
 def call(function: str, arguments: list[Any], changes: dict[str, str] | None = None) -> Any:
-    """Call ``module:function`` of this package in another process; arguments and result are JSON.
+    """Call a function of this package in another process, and return its result; arguments and
+    result must be JSON.
 
     Parameters
     ----------
     function : str
-        Such as ``scaling:run_campaign``.
+        ``MODULE:FUNCTION``, such as ``scaling:run_campaign``.
     arguments : list
+        Positional arguments.
     changes : dict, optional
         Environment variables to set.
 
@@ -40,7 +42,7 @@ def call(function: str, arguments: list[Any], changes: dict[str, str] | None = N
     Raises
     ------
     RuntimeError
-        With the last line of the process's error output.
+        If the process fails, with the last line of its error output.
     """
     message = json.dumps([function, arguments])
     output = run([sys.executable, "-c", _PROGRAM], changes, message)
@@ -48,7 +50,7 @@ def call(function: str, arguments: list[Any], changes: dict[str, str] | None = N
 
 
 def run(command: list[str], changes: dict[str, str] | None = None, text: str = "") -> str:
-    """Run a command.
+    """Run a command, wait for its end, and return its standard output.
 
     Parameters
     ----------
@@ -66,19 +68,22 @@ def run(command: list[str], changes: dict[str, str] | None = None, text: str = "
     Raises
     ------
     RuntimeError
-        If it fails, with the last line of its error output.
+        If its exit code is not 0, with the last line of its error output.
     """
     result = subprocess.run(
         command, input=text, env=environment(changes), capture_output=True, text=True, check=False
     )
     if result.returncode:
         lines = result.stderr.strip().splitlines() or [f"exit code {result.returncode}"]
-        raise RuntimeError(f"a process of the bench failed: {lines[-1]}")
+        raise RuntimeError(
+            f"a process that the benchmark started failed; its last line of errors is: {lines[-1]}"
+        )
     return result.stdout
 
 
 def main() -> None:
-    """Read a call from standard input and print its result."""
+    """Read the call of a function and its arguments as JSON from standard input, make it, and print
+    the result as JSON: the program of the process that `call` starts."""
     function, arguments = json.loads(sys.stdin.read())
     module, name = function.split(":")
     print(json.dumps(getattr(importlib.import_module(f"sepmc.bench.{module}"), name)(*arguments)))

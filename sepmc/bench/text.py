@@ -1,4 +1,4 @@
-"""Text tables of a benchmark."""
+"""Tables, warnings and summary of a benchmark as plain text."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -48,7 +48,8 @@ TABLES = tuple(_TITLES)
 
 
 def render_table(name: str, frame: pd.DataFrame) -> str:
-    """Render a part of the benchmark under its title; "-" marks missing values."""
+    """Return the table of a part of the benchmark as plain text under its title; "-" marks missing
+    values, and columns without any text are left out."""
     cells = pd.DataFrame(
         {
             column: [_cell(column, value) for value in frame[column]]
@@ -63,7 +64,7 @@ def render_table(name: str, frame: pd.DataFrame) -> str:
 
 
 def _cell(column: str, value: Any) -> str:
-    """Format a value of a column."""
+    """Return a value of a column as text; True is the name of a mark, False empty, NaN "-"."""
     if isinstance(value, bool) or type(value).__name__ == "bool":
         return {"scaled": "scaled", "default": "<- default"}[column] if value else ""
     if pd.isna(value):
@@ -72,12 +73,13 @@ def _cell(column: str, value: Any) -> str:
 
 
 def warnings(name: str, frame: pd.DataFrame) -> list[str]:
-    """Return the warnings on a part of the benchmark and its table; empty if there are none."""
+    """Return the warnings on the table ``frame`` of the part ``name``; empty if there are none."""
     return [warning for warning in (noise_warning(name, frame), threads_warning(frame)) if warning]
 
 
 def noise_warning(name: str, frame: pd.DataFrame) -> str:
-    """Return a warning if the repeats of a part scatter widely, else an empty string."""
+    """Return a warning if the repeats of a part scatter by more than 10 % in the median row, else
+    an empty string."""
     spreads = frame["spread"].dropna() if "spread" in frame else pd.Series(dtype=float)
     if not len(spreads) or spreads.median() <= MAX_QUIET_SPREAD:
         return ""
@@ -89,22 +91,22 @@ def noise_warning(name: str, frame: pd.DataFrame) -> str:
 
 
 def threads_warning(frame: pd.DataFrame) -> str:
-    """Return a warning if the most threads are at most 10 % faster than one, else an empty
-    string."""
+    """Return a warning if the largest number of threads is at most 1.1 times as fast as one, else
+    an empty string."""
     speed_ups = frame["speed_up"].dropna() if "speed_up" in frame else pd.Series(dtype=float)
     if len(speed_ups) < 2 or speed_ups.iloc[-1] > MIN_SPEED_UP:
         return ""
     return (
         f"warning: {frame['threads'].iloc[-1]:.0f} threads are {speed_ups.iloc[-1]:.2f} times as "
-        "fast as one: other processes use the cores, or they are threads of one core"
+        "fast as one: other processes use the cores, or the threads share one core"
     )
 
 
 def render_headlines(headlines: Mapping[str, Any]) -> str:
-    """Render the most important numbers, a line each."""
+    """Return the most important results, by label, as plain text of a line each."""
     return "\n".join(f"  {name:44s} {_number(value)}" for name, value in headlines.items())
 
 
 def _number(value: Any) -> str:
-    """Format a number with four significant digits."""
+    """Return a float with four significant digits, any other value as it prints."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Work-precision: error over time for every method, number of steps and formulation."""
+"""Work-precision: error and time of every method, number of steps and formulation."""
 
 from dataclasses import replace
 from functools import partial
@@ -24,12 +24,14 @@ _MAX_WORK = 25  # variants with more than this multiple of the default evaluatio
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
-    """Measure the variants of method, steps and formulation.
+    """Measure error and time of the variants of method, steps and formulation.
 
     Returns
     -------
     DataFrame, a row per variant
-        Median times in ms for 10,000 cases; ``scaled`` if fewer than the study's cases were run.
+        Settings of the variant; ``error``, the largest against the reference, and the outcome that
+        has it; median and smallest time, ms for 10,000 cases. ``scaled`` if fewer than the study's
+        cases were run; ``default`` if its steps are those of a run of the campaign.
     """
     variants = _variants(study, "reduced")
     if study.formulation == FULL:
@@ -41,21 +43,22 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
 
 
 def own_variants(study: Study, reference: Reference) -> list[SolverVariant]:
-    """Return the variants of the scene's own formulation, without that of the reference."""
+    """Return the variants of the scene's own formulation, without the one that made the
+    reference."""
     return _without_reference(reference, study, _variants(study, study.formulation))
 
 
 def _without_reference(
     reference: Reference, study: Study, variants: list[SolverVariant]
 ) -> list[SolverVariant]:
-    """Leave out the variant that is the reference."""
+    """Return the variants without the one that made the reference."""
     known = (study.formulation, METHOD, reference.setting)
     return [v for v in variants if (v.formulation, v.method, v.setting) != known]
 
 
 def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -> pd.DataFrame:
-    """Run and time variants in rounds; return a row for each (see `_row`). Variants most of whose
-    cases are refined are left out, except the default one."""
+    """Run and time variants in rounds; return a table with a row for each (see `measure`). Those of
+    which most cases were refined are left out with a message, except the default one."""
     blocks, report = [], progress_reporter(study.say, _MESSAGE_S)
     for number, variant in enumerate(variants):
         block = variant.fly(study.inputs)
@@ -63,7 +66,10 @@ def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -
         if variant.default or _refined_fraction(block) <= _MAX_REFINED:
             blocks.append((variant, block))
         else:
-            study.say(f"left out, as most cases are refined: {variant.method}, {variant.setting}")
+            study.say(
+                "left out, as most of its cases need smaller steps (refinement): "
+                f"{variant.method}, {variant.setting}"
+            )
     times = rounds(
         {str(i): partial(variant.fly, study.inputs) for i, (variant, _) in enumerate(blocks)},
         study.repeats,
@@ -76,12 +82,13 @@ def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -
 
 
 def _progress(done: int, total: int, seconds: float) -> str:
-    """Return the progress message."""
+    """Return the progress message after a time, s."""
     return f"{done} of {total} variants run in {seconds:.0f} s ..."
 
 
 def _refined_fraction(block: Block) -> float:
-    """Return the fraction of refined cases of a block."""
+    """Return the fraction of the cases of a block that were refined: integrated again in smaller
+    steps."""
     assert block.refinement is not None
     return block.refinement.n_refined / len(block.status)
 
@@ -89,8 +96,9 @@ def _refined_fraction(block: Block) -> float:
 def _row(
     variant: SolverVariant, times: list[float], error: float, worst: str, few: bool
 ) -> dict[str, Any]:
-    """Build the row of `measure` of a variant from its times, s, and its largest error, of the
-    outcome ``worst``; ``few`` if it ran fewer than the study's cases."""
+    """Return the row of a variant in the table of `measure`, from its times, s, and its largest
+    error, which the outcome ``worst`` has; ``few`` is True if it ran fewer than the study's
+    cases."""
     scale = 1e3 * PER / variant.cases
     return {
         "formulation": variant.formulation,
@@ -111,15 +119,18 @@ def _row(
 
 
 def _variants(study: Study, formulation: str) -> list[SolverVariant]:
-    """Return each method in the steps selected for several accuracies and in multiples of those of
-    the scene; for the full formulation only the scene's method, without multiples."""
+    """Return the variants of a formulation: each method in the steps selected for several
+    accuracies, and in multiples of the steps selected for the scene's accuracy. With the full
+    formulation, or in a quick study, only the scene's method; with the full one no multiples."""
     all_methods = [*sorted(METHODS, key=lambda m: METHODS[m]().order), AUTO]
     methods = [study.method] if study.quick or formulation == FULL else all_methods
     return [variant for method in methods for variant in _of_method(study, method, formulation)]
 
 
 def _of_method(study: Study, method: str, formulation: str) -> list[SolverVariant]:
-    """Return the variants of one method."""
+    """Return the variants of one method and formulation, by increasing work. Those above
+    `_MAX_WORK` times the work of the default are left out with a message; long ones run fewer
+    cases."""
     campaign = study.with_settings({"solver.method": method, "solver.formulation": formulation})
     cases, max_evaluations = study.part(formulation), _MAX_WORK * study.default.evaluations
     if (method, formulation) == (study.method, study.formulation):
@@ -155,8 +166,8 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
     for variant in unique.values():
         if variant.evaluations > max_evaluations:
             study.say(
-                f"left out, more than {_MAX_WORK} times the work of the default: "
-                f"{variant.formulation}, {variant.method}, {variant.setting}"
+                f"left out, as it needs more than {_MAX_WORK} times the evaluations of the "
+                f"selected steps: {variant.formulation}, {variant.method}, {variant.setting}"
             )
     affordable = [variant for variant in unique.values() if variant.evaluations <= max_evaluations]
     if formulation != FULL:
@@ -168,8 +179,8 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
 
 
 def _multiples(integration: Integration) -> list[Integration]:
-    """Return an integration in half, twice and four times the steps; a fixed step is only
-    divided."""
+    """Return an integration with half, twice and four times its number of steps, in which no case
+    is refined; a fixed step is not doubled."""
     half = np.maximum(1, np.round(0.5 * integration.steps)).astype(np.int64)
     fewer = [replace(integration, steps=half)] if integration.step is None else []
     return [

@@ -1,1 +1,2 @@
-"""Validation of an installation: closed forms, classical formulations and hard inputs."""
+"""Checks of an installation, with known answers: `sepmc verify` (closed forms, other formulations,
+conservation laws) and `sepmc stress` (numerically hard inputs)."""

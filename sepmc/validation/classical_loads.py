@@ -1,7 +1,8 @@
-"""Gravity, aerodynamics and motors for the classical formulations, written from CONVENTIONS.md.
+"""Loads of gravity, air and motors on one body, for the reference simulation
+`sepmc.validation.lagrange`.
 
-Slow and plain; shares no code with the kernels. Unknown keys are refused, so that nothing is
-ignored silently.
+They are written from CONVENTIONS.md, slow and plain, and share no code with the kernels. A key of
+the case that this module does not include is refused, so that nothing is ignored silently.
 """
 
 import math
@@ -42,23 +43,25 @@ MOTOR = (
 
 
 def refuse_others(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    """Raise if a table sets a key that is not in ``known``; a value that is empty or zero sets
-    nothing.
+    """Raise if a table of a case sets a key that is not in ``known``.
+
+    A key whose value is zero, False, None, empty, or a list of zeros counts as not set. ``where``
+    is the path of the table, for the message.
 
     Raises
     ------
     ValueError
-        If there is such a key.
+        If such a key is set; it names the key.
     """
     for key, value in table.items():
         sets = any(value) if isinstance(value, list | tuple) else value
         if key not in known and sets:
-            raise ValueError(f"the classical formulations know no {where}.{key}")
+            raise ValueError(f"{where}.{key}: sepmc.validation.lagrange does not support this key")
 
 
 def density(y: float) -> float:
-    """Air density, kg/m3, at geometric height y, m: US Standard Atmosphere 1976, equations 18, 23,
-    33 and 42."""
+    """Air density, kg/m3, of the US Standard Atmosphere 1976 (its equations 18, 23, 33 and 42) at
+    geometric height y, m; raises ValueError above 86 km."""
     height = EARTH_RADIUS * y / (EARTH_RADIUS + y)
     gas, gravity = 8314.32 / 28.9644, 9.80665  # J/(kg K), m/s2
     temperature, pressure = 288.15, 101325.0
@@ -72,26 +75,32 @@ def density(y: float) -> float:
             pressure *= math.exp(-gravity * rise / (gas * temperature))
         if height <= top:
             return pressure / (gas * temperature)
-    raise ValueError(f"no atmosphere above 86 km, height is {y} m")
+    raise ValueError(f"the 1976 atmosphere ends at a height of 86 km; the height is {y} m")
 
 
 def polynomial(terms: Mapping[str, float] | None) -> list[tuple[float, int, int]]:
-    """Terms such as ``{"const": 1, "alpha_beta2": 3}`` as a list of (coefficient, power of alpha,
-    power of beta)."""
+    """Terms of an aerodynamic coefficient, such as ``{"const": 1, "alpha_beta2": 3}``, as a list of
+    (coefficient, power of alpha, power of beta); empty for None. Raises ValueError if a key is not
+    such a term."""
     table = []
     for key, value in (terms or {}).items():
         power = {"alpha": 0, "beta": 0}
         for part in key.split("_") if key != "const" else ():
             match = re.fullmatch(r"(alpha|beta)(\d*)", part)
             if match is None:
-                raise ValueError(f"no such term of a polynomial: {key}")
+                raise ValueError(
+                    f"aerodynamic polynomial: term {key} is unknown; allowed are const and powers "
+                    "of alpha and beta, such as alpha_beta2"
+                )
             power[match[1]] += int(match[2] or 1)
         table.append((value, power["alpha"], power["beta"]))
     return table
 
 
 class Body:
-    """Mass, kg, inertia about the mass centre, kg m2, and external loads of one body of a case."""
+    """Body ``name`` of a case: its mass, kg, inertia tensor (3, 3) about its mass centre, kg m2,
+    and the external loads on it (`loads`). The case is as `sepmc.validation.lagrange.simulate`
+    takes it."""
 
     def __init__(self, name: str, case: Mapping[str, Any]):
         data, self.environment = case["body"][name], case["environment"]
@@ -117,12 +126,14 @@ class Body:
         self.motors = [self._motor(m) for m in case.get("motor", []) if m["body"] == name]
 
     def from_cg(self, layout: Any) -> Array:
-        """Vector, m, body axes, from the mass centre to a layout point [station, y, z]."""
+        """Vector (3,), m, body axes, from the mass centre to a layout point [station, y, z], m."""
         return (np.asarray(layout, float) - self.cg) * (-1.0, 1.0, 1.0)
 
     def _motor(self, m: Mapping[str, Any]) -> dict[str, Any]:
-        """Motor data with the force of unit thrust and its moment, m, about the mass centre, body
-        axes."""
+        """Table ``m`` of a motor with ``build_up``, s (0 if absent), and four entries more:
+        ``force``, the direction of its thrust (unit vector, body axes); ``moment``, that of a unit
+        thrust about the mass centre, m, body axes; ``ignition`` and ``burnout``, absolute times,
+        s."""
         refuse_others(m, MOTOR, f"motor.{m['name']}")
         if isinstance(m.get("ignition"), Mapping):
             refuse_others(m["ignition"], (), f"motor.{m['name']}.ignition")
@@ -138,15 +149,21 @@ class Body:
         return {"build_up": 0.0, **m, **times, "force": force, "moment": np.cross(arm, force)}
 
     def air(self, R: Array, v: Array) -> tuple[float, float, float]:
-        """Airspeed, m/s, alpha and beta, rad, for attitude R and ground velocity v, m/s."""
+        """Airspeed, m/s, alpha and beta, rad, from the attitude R (body to ground) and the velocity
+        v over ground, m/s, ground axes."""
         u, v, w = R.T @ (v - self.wind)
         return np.sqrt(u * u + v * v + w * w), np.arctan2(-v, u), np.arctan2(w, np.hypot(u, v))
 
     def loads(
         self, t: float, t_mid: float, height: float, R: Array, v: Array
     ) -> tuple[Array, Array]:
-        """Force, N, and moment about the mass centre, N m, body axes, at time t. A motor that burns
-        at t_mid counts as burning."""
+        """External force, N, and moment about the mass centre, N m, both (3,) in body axes, at time
+        t, s.
+
+        Height in m, attitude R from body to ground, velocity v over ground, m/s, ground axes. A
+        motor acts if it burns at ``t_mid``, s, the middle of an interval of integration without
+        switches: so its thrust has no jump at the ends of the interval.
+        """
         e = self.environment
         g = 0.0 if e["gravity"] == "none" else e["surface_gravity"]
         if e["gravity"] == "inverse-square":

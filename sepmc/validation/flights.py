@@ -1,4 +1,5 @@
-"""Scenes of the checks, run interpreted, and their histories as arrays in ground axes."""
+"""Simulations for the checks and stresses: the nominal case of a campaign, with its history as
+arrays in ground axes."""
 
 import tomllib
 from pathlib import Path
@@ -23,8 +24,17 @@ _CALIBRATION = CalibrationSize(corners=3, sample=24)  # of interpreted runs
 
 
 class Track(NamedTuple):
-    """Motion of one body: positions and velocities of its mass centre (n, 3) and attitudes (n, 3,
-    3) in ground axes; angular rates (n, 3) in body axes."""
+    """Motion of one body in n rows of a history.
+
+    Attributes
+    ----------
+    x, v : ndarray, shape (n, 3)
+        Position, m, and velocity, m/s, of its mass centre, ground axes.
+    r : ndarray, shape (n, 3, 3)
+        Attitude: rotation matrices from body to ground axes.
+    w : ndarray, shape (n, 3)
+        Angular rates, rad/s, body axes.
+    """
 
     x: Array
     v: Array
@@ -33,7 +43,8 @@ class Track(NamedTuple):
 
 
 def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
-    """Campaign of a scene in ``scenes/``, with settings by TOML path."""
+    """Load the campaign of the file ``scenes/NAME.toml`` beside this module; ``settings`` replaces
+    values in it, by path, such as ``initial.omega_rad_s``."""
     return Campaign(
         parse_campaign(
             tomllib.loads((SCENES / f"{name}.toml").read_text(encoding="utf-8")), name, settings
@@ -42,8 +53,20 @@ def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
 
 
 class NominalRun:
-    """Nominal case of a campaign: its history with a row every ``every`` seconds, outcomes and
-    status."""
+    """Simulation of the nominal case of a campaign, made by the constructor.
+
+    Attributes
+    ----------
+    scene : Scene
+    history : DataFrame, n rows
+        Columns by public name: a row every ``every`` seconds, and two at each phase boundary.
+    t, phase : ndarray, shape (n,)
+        Time, s, and name of the phase of each row.
+    outcomes : dict
+        Outcomes and audit columns at the end, by column name and in the unit of that name.
+    status : str
+        Label of the final status, such as "ok".
+    """
 
     def __init__(self, source: Campaign, every: float = 0.01):
         self.scene = source.scene
@@ -55,12 +78,13 @@ class NominalRun:
         )
 
     def columns(self, pattern: str) -> Array:
-        """Three columns (n, 3) whose names differ in the axis, written *."""
+        """Array (n, 3) of the three history columns that ``pattern`` names if its asterisk is
+        replaced by x, y and z, in their units."""
         return self.history[[pattern.replace("*", axis) for axis in "xyz"]].to_numpy(dtype=float)
 
     def body(self, name: str) -> Track:
-        """Motion of a body. The ground has the initial attitude of the vehicle and, unused, the
-        position zero."""
+        """Motion of a body, or of the ground: that has the initial attitude of the vehicle at all
+        times and zero velocity and rates; its position is set to zero and is not used."""
         n = len(self.t)
         if name == GROUND:
             i = self.scene.initial
@@ -75,12 +99,12 @@ class NominalRun:
         return Track(*self.places(name), r, np.radians(self.columns(f"{name}_omega_*_deg_s")))
 
     def places(self, name: str) -> tuple[Array, Array]:
-        """Positions, m, and velocities, m/s, of a body's mass centre (n, 3), ground axes."""
+        """Position, m, and velocity, m/s, of a body's mass centre, both (n, 3), ground axes."""
         return self.columns(f"{name}_*_m"), self.columns(f"{name}_v*_m_s")
 
     def wrench(self, joint: str, body: str) -> tuple[Array, Array]:
-        """Constraint force, N, and moment, N m, of a joint on a body, at that body's joint point,
-        ground axes."""
+        """Constraint force, N, and moment, N m, of a joint on ``body``, one of its two bodies, both
+        (n, 3) in ground axes; the moment is about the joint point of that body."""
         r = self.body(self.scene.joint[joint].bodies[0]).r
         force, moment = (
             self.columns(f"{joint}_force_on_{body}_*_N"),
@@ -90,24 +114,28 @@ class NominalRun:
 
 
 def run_interpreted(source: Campaign, cases: int) -> Result:
-    """Run a campaign interpreted, with few calibration cases, each of which takes as long as a
-    case."""
+    """Run the first ``cases`` cases of a campaign with its kernel as plain Python, and return the
+    result. The step selection has few calibration cases (3 corners, 24 samples), as each takes as
+    long as a case."""
     with interpreted():
         return source.run(cases=cases, announce=no_log, calibration=_CALIBRATION)
 
 
 def to_ground(r: Array, vectors: Array) -> Array:
-    """Vectors (n, 3) or (3,) in body axes, in ground axes (n, 3)."""
+    """Transform vectors, (n, 3) or (3,), from body axes to ground axes, (n, 3); ``r`` has the
+    attitudes (n, 3, 3), body to ground."""
     return np.einsum("nij,nj->ni", r, np.broadcast_to(vectors, (len(r), 3)))
 
 
 def arm(scene: Any, body: str, layout: Any) -> Array:
-    """Vector, m, body axes, from a body's mass centre to a layout point; see CONVENTIONS.md."""
+    """Vector (3,), m, body axes, from the mass centre of a body to a layout point [station, y, z],
+    m; see CONVENTIONS.md."""
     return (np.asarray(layout, float) - np.asarray(scene.body[body].cg)) * (-1.0, 1.0, 1.0)
 
 
 def tensor(scene: Any, body: str) -> Array:
-    """Inertia tensor (3, 3) of a body about its mass centre, kg m2."""
+    """Inertia tensor (3, 3), kg m2, of a body about its mass centre, body axes, with its
+    ``inertia_factor``."""
     data = scene.body[body]
     xy, xz, yz = data.inertia_products
     return data.inertia_factor * (

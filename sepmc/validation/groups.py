@@ -1,4 +1,4 @@
-"""Groups of lines of a suite, run in parallel processes."""
+"""Checks of `sepmc verify`, or stresses of `sepmc stress`, run in parallel processes."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -16,29 +16,32 @@ def side_by_side(
     in_process: Iterable[str] = (),
     on_done: Callable[[str], None] | None = None,
 ) -> dict[str, list[Any]]:
-    """Run the groups of a suite, by a process for each core.
+    """Run the groups of a suite (the checks of `sepmc verify` or the stresses of `sepmc stress`) in
+    parallel, with at most one process for each core.
 
     Parameters
     ----------
-    run : callable
-        Function of the suite (`sepmc.validation.verify.verify`), which runs the groups it is given.
+    run : callable (list of str)
+        Returns the lines of the named groups: `sepmc.validation.verify.verify` or
+        `sepmc.validation.stress.stress`.
     names : iterable of str
+        Groups to run. A single one is run by this process.
     in_process : iterable of str
-        Groups that this process runs, because their caches are needed afterwards.
-    on_done : callable, optional
+        Groups that this process runs, because what they cache is needed afterwards.
+    on_done : callable (str), optional
         Called with the name of each finished group.
 
     Returns
     -------
     dict
-        Lines by group, in the order of ``names``.
+        List of lines by name of the group, in the order of ``names``.
     """
     names, in_process = list(names), set(in_process)
     in_workers = [name for name in names if name not in in_process]
     lines_of: dict[str, list[Any]] = {}
 
     def store(name: str, lines: list[Any]) -> None:
-        """Store the lines of a finished group."""
+        """Store the lines of a finished group, and pass its name to ``on_done``."""
         lines_of[name] = lines
         if on_done:
             on_done(name)

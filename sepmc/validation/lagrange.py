@@ -1,20 +1,20 @@
-"""Classical formulations of a separation: Lagrange's in minimal coordinates while two bodies are
-joined, Newton's and Euler's once free.
+"""Reference simulation of a separation by classical formulations: Lagrange's in minimal coordinates
+while two bodies are joined, Newton's and Euler's once they are free.
 
 Frames, signs and angle order are those of CONVENTIONS.md. All is in SI and radians; only outcome
-names carry other units. The joint connects its first body (A, which carries the axes) with its
-second (B).
+names carry other units. The joint connects its first body (A, which carries the joint axes) with
+its second (B).
 
-No constraint force is solved for. While the bodies are joined, the motion is written in independent
-speeds: the velocity and rates of A, the free components of the gap d in the axes of A, and the free
-relative rates H u. The accelerations follow from the principle of virtual power (Lagrange's
-equations in quasi-coordinates; Kane and Levinson, "Dynamics: Theory and Applications", 1985, ch.
-6): the sum over bodies of V^T (F - m a) + W^T (M - J w' - w x J w) vanishes, where V and W are the
-partial velocities. The reaction is the residual of Newton's and Euler's equations of B. Attitudes
-are integrated as rotation matrices, R' = R [w x], and positions relative to a point that moves with
-the constant initial velocity of the mass centre, so that 7e4 m never enters a difference.
-tests/validation/test_formulations.py derives the slider pair with sympy's LagrangesMethod and
-KanesMethod and compares the accelerations.
+No constraint force is solved for. While the bodies are joined, the unknowns are independent speeds:
+the velocity and rates of A, the rates of the gap d along the free joint axes, and the relative
+rates u about the free rotation axes, the columns of H. The accelerations follow from the principle
+of virtual power (Lagrange's equations in quasi-coordinates; Kane and Levinson, "Dynamics: Theory
+and Applications", 1985, ch. 6): the sum over bodies of V^T (F - m a) + W^T (M - J w' - w x J w)
+vanishes, where V and W are the partial velocities. The reaction is the residual of Newton's and
+Euler's equations of B. Attitudes are integrated as rotation matrices, R' = R [w x]. Positions are
+relative to a point that moves with the constant initial velocity of the mass centre, so that 7e4 m
+never enters a difference. tests/validation/test_formulations.py derives the slider pair with
+sympy's LagrangesMethod and KanesMethod and compares the accelerations.
 """
 
 from collections.abc import Mapping
@@ -48,25 +48,25 @@ PERPENDICULAR = {"x": ("z", "y"), "y": ("z", "x"), "z": ("y", "x")}
 
 
 def skew(a: Array) -> Array:
-    """Matrix [a x] with ``skew(a) @ b == cross(a, b)``."""
+    """Matrix (3, 3) of the cross product with ``a`` (3,): ``skew(a) @ b == cross(a, b)``."""
     x, y, z = a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two rigid bodies at a joint.
+    """Masses and geometry of two rigid bodies, A and B, connected by a joint.
 
-    Parameters
+    Attributes
     ----------
     mass : tuple of float
         Of A and B, kg.
     inertia : tuple of ndarray, shape (3, 3)
-        Tensors about the mass centres, kg m2, body axes.
+        Tensors of A and B about their mass centres, kg m2, body axes.
     arm : tuple of ndarray, shape (3,)
-        From each mass centre to its joint point, m, body axes.
+        Vectors from the mass centres of A and B to their joint points, m, body axes.
     axes : ndarray, shape (3, 3)
-        Rows: joint axes in body axes of A.
+        Rows: joint axes, as unit vectors in the body axes of A.
     """
 
     mass: tuple[float, float]
@@ -76,10 +76,19 @@ class Pair:
 
 
 class Motion(NamedTuple):
-    """Motion of a pair: position, velocity, attitude and rates of A; gap and its rate in joint
-    axes; attitude and rates of B.
+    """Motion of a joined pair at one instant.
 
-    Positions and velocities are in ground axes, rates in body axes.
+    Attributes
+    ----------
+    x, v : ndarray, shape (3,)
+        Position, m, and velocity, m/s, of the mass centre of A, ground axes.
+    r, r_b : ndarray, shape (3, 3)
+        Attitudes of A and B: rotation matrices from body to ground axes.
+    w, w_b : ndarray, shape (3,)
+        Angular rates of A and B, rad/s, each in its body axes.
+    gap, gap_rate : ndarray, shape (3,)
+        Vector from the joint point of A to that of B, m, in joint axes, and the rates of its
+        components, m/s.
     """
 
     x: Array
@@ -93,8 +102,19 @@ class Motion(NamedTuple):
 
 
 class Accelerations(NamedTuple):
-    """Accelerations of A and B (ground axes), w' of each (body axes), the second rate of the gap
-    (joint axes), and the reaction on B at its joint point (ground axes)."""
+    """Accelerations of a joined pair, and the reaction of its joint.
+
+    Attributes
+    ----------
+    a, a_b : ndarray, shape (3,)
+        Of the mass centres of A and B, m/s2, ground axes.
+    w_rate, w_b_rate : ndarray, shape (3,)
+        Angular accelerations of A and B, rad/s2, each in its body axes.
+    gap_acceleration : ndarray, shape (3,)
+        Second rates of the components of the gap, m/s2, joint axes.
+    force, moment : ndarray, shape (3,)
+        Reaction on B at its joint point, N and N m, ground axes.
+    """
 
     a: Array
     w_rate: Array
@@ -106,7 +126,8 @@ class Accelerations(NamedTuple):
 
 
 def bodies(pair: Pair, motion: Motion) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """(x, v, R, w) of A and of B; positions and velocities in ground axes, rates in body axes."""
+    """(x, v, R, w) of A and of B from the motion of the pair: positions and velocities of the mass
+    centres in ground axes, attitudes from body to ground, rates in body axes."""
     x, v, r, w, gap, gap_rate, r_b, w_b = motion
     lever = pair.arm[0] + pair.axes.T @ gap
     x_b = x + r @ lever - r_b @ pair.arm[1]
@@ -115,8 +136,9 @@ def bodies(pair: Pair, motion: Motion) -> tuple[tuple[Array, ...], tuple[Array, 
 
 
 def _translations(constrained: str, motion: Motion) -> tuple[Array, Array]:
-    """Directions (3, n) of the free gap rates, and the part (3,) of the gap's second rate that
-    follows from the motion; joint axes."""
+    """Directions (3, n), as columns, in which the gap may change, and the part (3,) of its second
+    rate that follows from the motion alone; joint axes. ``constrained`` has the letters of the
+    constrained axes, such as "yz", or is "length" for a rod."""
     if constrained != "length":
         return np.eye(3)[:, [axis not in constrained for axis in "xyz"]], np.zeros(3)
     axial = motion.gap / np.linalg.norm(motion.gap)
@@ -127,8 +149,12 @@ def _translations(constrained: str, motion: Motion) -> tuple[Array, Array]:
 def _rotations(
     constrained: str, pair: Pair, motion: Motion, w: Array, w_b: Array
 ) -> tuple[Array, Array]:
-    """Axes H (3, n) of the free relative rates, and H' u (3,); ground axes, as are the rates w of A
-    and w_b of B."""
+    """Axes H (3, n), as columns, about which B may rotate relative to A, and H' u (3,), the part of
+    the relative angular acceleration that follows from the motion alone; ground axes.
+
+    ``constrained`` has the letters of the constrained rotations, such as "yz"; the rates w of A and
+    w_b of B, rad/s, are in ground axes too.
+    """
     of_a, of_b = (dict(zip("xyz", pair.axes @ r.T, strict=True)) for r in (motion.r, motion.r_b))
     if len(constrained) == 0:
         return np.eye(3), np.zeros(3)
@@ -147,10 +173,12 @@ def _rotations(
 def accelerate(
     pair: Pair, constrained: tuple[str, str], motion: Motion, loads: list[tuple[Array, Array]]
 ) -> Accelerations:
-    """Accelerations and the reaction of a joined pair.
+    """Accelerations of a joined pair and the reaction of its joint, by the principle of virtual
+    power.
 
     Parameters
     ----------
+    pair : Pair
     constrained : tuple of str
         Joint axes constrained in translation and in rotation: a value of `KINDS`.
     motion : Motion
@@ -210,7 +238,9 @@ def accelerate(
 def newton_euler(
     mass: float, inertia: Array, w: Array, force: Array, moment: Array
 ) -> tuple[Array, Array]:
-    """Acceleration and w' of a free body, all in body axes: m a = F, J w' = M - w x J w."""
+    """Acceleration, m/s2, and angular acceleration w', rad/s2, of a free body with rates w, rad/s:
+    m a = F, J w' = M - w x J w. All vectors are in body axes; the moment is about the mass
+    centre."""
     return force / mass, np.linalg.solve(inertia, moment - np.cross(w, inertia @ w))
 
 
@@ -220,8 +250,12 @@ _TABLES += ("solver", "output", "clearance")
 
 
 class _Simulation:
-    """State and equations of one simulation. The free bodies have (x, v, R, w) each, x and v
-    relative to the moving origin."""
+    """State and equations of one simulation of a case.
+
+    The state vector ``y`` (36,) has the fields of `Motion` one after the other while the bodies are
+    joined, and (x, v, R, w) of A and then of B once they are free. Positions and velocities are
+    relative to an origin that moves with the initial velocity of the mass centre.
+    """
 
     def __init__(self, case: Mapping[str, Any], rtol: float):
         refuse_others(case, _TABLES, "scene")
@@ -271,7 +305,7 @@ class _Simulation:
         self.kind, self.t, self.t_mid = "", 0.0, 0.0
 
     def motion(self, y: Array) -> Motion:
-        """Motion of the joined pair from the state vector (36,)."""
+        """Split the state vector (36,) of the joined pair into a `Motion`."""
         return Motion(
             y[:3],
             y[3:6],
@@ -284,7 +318,7 @@ class _Simulation:
         )
 
     def bodies(self, y: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """(x, v, R, w) of A and of B from the state vector."""
+        """(x, v, R, w) of A and of B from the state vector (36,), of joined or of free bodies."""
         if self.kind != "free":
             return bodies(self.pair, self.motion(y))
         of_a, of_b = (
@@ -294,7 +328,8 @@ class _Simulation:
         return of_a, of_b
 
     def loads(self, t: float, y: Array) -> list[tuple[Array, Array]]:
-        """External force, N, and moment, N m, on A and on B, each in its body axes."""
+        """External force, N, and moment about the mass centre, N m, on A and on B, each in its body
+        axes, at time t, s."""
         return [
             body.loads(
                 t, self.t_mid, self.altitude + self.velocity[1] * t + x[1], r, self.velocity + v
@@ -303,16 +338,18 @@ class _Simulation:
         ]
 
     def accelerate(self, t: float, y: Array) -> Accelerations:
-        """Accelerations and the reaction of the joined pair at time t, s."""
+        """Accelerations of the joined pair and the reaction of its joint, at time t, s."""
         return accelerate(self.pair, self.kinds[self.kind], self.motion(y), self.loads(t, y))
 
     def reaction(self) -> tuple[Array, Array]:
-        """Present force, N, and moment, N m, on B at its joint point, in the axes of A."""
+        """Force, N, and moment, N m, of the joint on B at its joint point, in the axes of A, at the
+        time that the simulation has reached; only while the bodies are joined."""
         accelerations, r = self.accelerate(self.t, self.y), self.motion(self.y).r
         return r.T @ accelerations.force, r.T @ accelerations.moment
 
     def derivative(self, t: float, y: Array) -> Array:
-        """Rate of the state vector (36,) at time t, s, of the joined pair or of two free bodies."""
+        """Time derivative (36,) of the state vector at time t, s, of the joined pair or of two free
+        bodies."""
         loads = self.loads(t, y)
         out: list[Array] = []
         if self.kind == "free":
@@ -335,8 +372,10 @@ class _Simulation:
         return np.concatenate([*out, (m.r_b @ skew(m.w_b)).ravel(), accelerations.w_b_rate])
 
     def integrate(self, t_end: float, event: Any = None) -> tuple[float, Array]:
-        """Time, s, and state at the end of an interval by DOP853: at t_end, s, or at a terminal
-        event."""
+        """Integrate from the present time and state to t_end, s, by DOP853, or to a zero of
+        ``event``, a terminal event of `solve_ivp`. Return the time, s, and the state vector
+        reached, and leave the present ones as they are. Raises RuntimeError if the integration
+        fails."""
         solution = solve_ivp(
             self.derivative,
             (self.t, t_end),
@@ -351,11 +390,12 @@ class _Simulation:
         return solution.t[-1], solution.y[:, -1]
 
     def advance(self, t_end: float, stroke: float = np.inf) -> bool:
-        """Integrate an interval without switches to t_end, s, or until the gap reaches the stroke,
-        m; True if that ended it."""
+        """Integrate to t_end, s, or until the separation distance reaches the stroke, m, and store
+        the time and state reached. Return True if the stroke ended the interval. No motor may
+        ignite or burn out within the interval."""
 
         def event(t: float, y: Array) -> float:
-            """Travel beyond the stroke, m."""
+            """Separation distance minus the stroke, m."""
             return self.separation_sign * (y[18] - self.start_gap) - stroke
 
         event.terminal, event.direction = True, 1.0  # type: ignore[attr-defined]
@@ -377,15 +417,15 @@ class _Simulation:
 
 
 def simulate(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
-    """Simulate a case of two bodies and one joint; returns its outcomes at the end time.
+    """Simulate a case of two bodies and one joint, and return its outcomes at the end time.
 
     Parameters
     ----------
     case : dict
         Nested like the campaign file, in SI and radians, keys without unit suffix, as
-        `sepmc.campaign.definition.Case.to_dict` returns it. ``until.time`` counts from the start;
-        ``stroke`` is the separation distance along the joint's x axis from the start.
-        ``initial.path_reference`` (rad), if given, adds ``*_alpha_ref_deg`` = pitch -
+        `sepmc.campaign.definition.Case.to_dict` returns it. ``until.time`` counts from the start of
+        the case; ``stroke`` is the separation distance along the joint's x axis, zero at the start.
+        ``initial.path_reference`` (rad), if given, adds ``BODY_alpha_ref_deg`` = pitch -
         path_reference.
     rtol : float
         Relative tolerance of DOP853; the absolute one is ``rtol / 100`` in SI units.
@@ -393,15 +433,16 @@ def simulate(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
     Returns
     -------
     dict
-        Outcomes by public name, and the reaction on the second body (B) at its joint point in the
-        axes of the first: ``release_force_on_B_N`` and ``release_moment_on_B_N_m`` at the last
-        instant before release (NaN if never released), ``end_force_on_B_N`` and
-        ``end_moment_on_B_N_m`` at the end time (zero if released).
+        Outcomes by public name, and the reaction on the second body at its joint point in the axes
+        of the first; for a second body named B: ``release_force_on_B_N`` and
+        ``release_moment_on_B_N_m`` at the last instant before release (NaN if never released),
+        ``end_force_on_B_N`` and ``end_moment_on_B_N_m`` at the end time (zero if released).
 
     Raises
     ------
     ValueError
-        If the case has features outside of these formulations: springs, tables, other conditions.
+        If the case has features outside of these formulations (springs, tables, other conditions),
+        or its last phase ends before the end time.
     """
     simulation, end = _Simulation(case, rtol), case["run"]["end_time"]
     release, force, moment = np.nan, np.full(3, np.nan), np.full(3, np.nan)
@@ -437,7 +478,9 @@ def simulate(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
         if simulation.t >= end:
             break
     if simulation.t < end:
-        raise ValueError("the last phase stops before the end time")
+        raise ValueError(
+            "phase: the last one ends before run.end_time; it must have no until, or a later one"
+        )
     second = simulation.names[1]
     last = simulation.reaction() if simulation.kind != "free" else (np.zeros(3), np.zeros(3))
     reactions = {f"release_force_on_{second}_N": force, f"release_moment_on_{second}_N_m": moment}
@@ -450,7 +493,9 @@ def simulate(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
 
 
 def _outcomes(simulation: _Simulation, path_reference: float | None) -> dict[str, Any]:
-    """Angles and rates of both bodies and the separation, by public name."""
+    """Angles, deg, and rates, deg/s, of both bodies, separation distance, mm, and speed, m/s, at
+    the time that the simulation has reached, by public name. With a ``path_reference``, rad, also
+    ``BODY_alpha_ref_deg``."""
     out: dict[str, Any] = {}
     states = simulation.bodies(simulation.y)
     for name, body, (_, v, r, w) in zip(

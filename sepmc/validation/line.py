@@ -1,5 +1,5 @@
-"""Line of `sepmc verify`: a value of the engine beside its reference, with the allowed
-difference."""
+"""Line of the table of `sepmc verify` (a value of the engine beside its reference, with the allowed
+difference), and the table itself."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,9 +16,18 @@ _TEXT = (33, 36)  # maximum widths of case and quantity
 
 @dataclass(frozen=True)
 class Line:
-    """Comparison: case, quantity with unit, reference, measured value, and allowed difference.
+    """One comparison of `sepmc verify`.
 
-    ``at_least``: the reference is a lower bound, and larger values pass.
+    Attributes
+    ----------
+    case, quantity : str
+        Labels: what was simulated; what is compared, with its unit.
+    reference, measured : float
+        Expected value, and the value of the engine.
+    tolerance : float
+        Allowed absolute difference.
+    at_least : bool
+        The reference is a lower bound: larger values pass, and smaller ones within the tolerance.
     """
 
     case: str
@@ -30,7 +39,8 @@ class Line:
 
     @property
     def passes(self) -> bool:
-        """True if the difference is within the tolerance; False for NaN."""
+        """True if the measured value differs from the reference by at most the tolerance (with
+        ``at_least``: if it is not further below it); False for NaN."""
         difference = self.measured - self.reference
         return bool(
             difference >= -self.tolerance if self.at_least else abs(difference) <= self.tolerance
@@ -45,16 +55,20 @@ def worst(
     relative: float = CLOSE,
     size: float = 0.0,
 ) -> Line:
-    """Line of the element of two arrays that differs most.
+    """Line of `sepmc verify` on the element that differs most between two arrays; NaN counts as the
+    largest difference.
 
     Parameters
     ----------
     case, quantity : str
+        Labels of the line.
     reference, measured : array_like
-        Broadcast to one shape.
+        Expected and measured values; broadcast to one shape.
     relative : float
-        Tolerance relative to the largest reference, or to ``size``.
+        Tolerance, relative to the largest magnitude of the reference, or to ``size`` if that is
+        larger.
     size : float
+        Scale, in the unit of the quantity, for a reference that is or may be zero.
     """
     expected, values = np.broadcast_arrays(
         np.asarray(reference, float), np.asarray(measured, float)
@@ -68,7 +82,8 @@ def worst(
 
 
 def table(lines: Sequence[Line]) -> str:
-    """Lines as plain text of at most 140 columns, with a count."""
+    """Table of all lines as plain text at most 140 columns wide, ended by the number of lines and
+    of failures."""
     rows = [("case", "quantity", "reference", "measured", "difference", "allowed", "")]
     for x in lines:
         numbers = (
@@ -88,8 +103,9 @@ def table(lines: Sequence[Line]) -> str:
 
 
 def brief(groups: Mapping[str, Sequence[Line]]) -> str:
-    """A row for each check: number of lines, and the line nearest to its tolerance or furthest
-    beyond it."""
+    """Table with one row for each check, as plain text: its number of lines, and of these the one
+    nearest to its tolerance, or furthest beyond it. The last line has the number of lines and of
+    failures."""
     text = [
         f"{'check':22s}{'lines':>6s}   "
         f"{'nearest to the allowed difference':60s}{'difference':>11s}{'allowed':>10s}"

@@ -1,4 +1,5 @@
-"""Closed forms of motions that occur in separations: references of `sepmc verify`.
+"""Closed forms of motions that occur in separations: references of `sepmc verify` and `sepmc
+stress`.
 
 Pure numpy and scipy, SI and radians, independent of the engine. Frames and signs are those of
 CONVENTIONS.md. Elliptic functions take m1 = 1 - k^2, so that no digits are lost near a separatrix.
@@ -19,7 +20,8 @@ Array = np.ndarray
 
 
 def turn(axis: int, angle: ArrayLike) -> Array:
-    """Rotation matrices (..., 3, 3) about a coordinate axis, one per angle, rad."""
+    """Rotation matrices (..., 3, 3) about a coordinate axis (0, 1, 2 for x, y, z), one for each
+    angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     matrix = np.zeros((*np.shape(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -34,8 +36,8 @@ def turn(axis: int, angle: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Composite:
-    """Several bodies as one: mass, kg, mass centre, m, and inertia tensor about it, kg m2, in their
-    common axes."""
+    """Several bodies welded into one: total mass, kg, mass centre (3,), m, and inertia tensor (3,
+    3) about it, kg m2, in the axes that the bodies share."""
 
     mass: float
     centre: Array
@@ -43,15 +45,16 @@ class Composite:
 
 
 def composite(masses: ArrayLike, inertias: ArrayLike, positions: ArrayLike) -> Composite:
-    """Welded rigid bodies as one, by the parallel-axis theorem.
+    """Combine welded rigid bodies into one, by the parallel-axis theorem.
 
     Parameters
     ----------
     masses : array_like, shape (n,)
+        kg.
     inertias : array_like, shape (n, 3, 3)
-        About each mass centre.
+        Tensor of each body about its own mass centre, kg m2.
     positions : array_like, shape (n, 3)
-        Of the mass centres; all in one set of axes.
+        Of the mass centres, m; all in one set of axes, from one origin.
     """
     m, x = np.asarray(masses, float), np.asarray(positions, float)
     centre = m @ x / m.sum()
@@ -65,18 +68,18 @@ def composite(masses: ArrayLike, inertias: ArrayLike, positions: ArrayLike) -> C
 def weld_wrench(
     combined: Composite, mass: float, inertia: Array, position: Array, point: Array, omega: Array
 ) -> tuple[Array, Array]:
-    """Force and moment on one body of a torque-free composite: F = m a, M = J w' + w x J w - (point
-    - position) x F (Newton and Euler).
+    """Constraint force and moment on one body of a torque-free composite: F = m a, M = J w' + w x J
+    w - (point - position) x F (Newton and Euler).
 
     Parameters
     ----------
     combined : Composite
     mass, inertia, position : float, ndarray, ndarray
-        Of the body, kg, kg m2, m.
+        Of the body: kg; tensor about its mass centre, kg m2; mass centre, m.
     point : ndarray, shape (3,)
-        Reference of the moment, m.
+        Point about which the moment is taken, m.
     omega : ndarray, shape (n, 3)
-        Rates of the composite, rad/s. All in the axes of the composite.
+        Angular rates of the composite, rad/s. All vectors are in the axes of the composite.
 
     Returns
     -------
@@ -98,11 +101,12 @@ def weld_wrench(
 def asymmetric_top(
     t: ArrayLike, inertia: ArrayLike, omega: ArrayLike, attitude: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Rates and attitude of a free rigid body at times t: Euler's equations by Jacobi's elliptic
-    functions.
+    """Rates and attitude of a free rigid body at times t, in closed form: Euler's equations by
+    Jacobi's elliptic functions.
 
-    Every branch is covered: L^2 above and below 2 E I2, the separatrix between them (k = 1),
-    symmetric and spherical bodies, and steady spin about a principal axis.
+    Every branch is covered: L^2 above and below 2 E I2 (angular momentum L, energy E, middle moment
+    I2), the separatrix between them (k = 1), symmetric and spherical bodies, and steady spin about
+    a principal axis.
 
     Parameters
     ----------
@@ -113,14 +117,14 @@ def asymmetric_top(
     omega : array_like, shape (3,)
         Rates at t = 0 in body axes, rad/s.
     attitude : array_like, shape (3, 3), optional
-        Body to ground at t = 0; the identity by default.
+        Rotation matrix from body to ground at t = 0; the identity by default.
 
     Returns
     -------
     omega : ndarray, shape (n, 3)
         Rates in body axes, rad/s.
     attitude : ndarray, shape (n, 3, 3)
-        Body to ground.
+        Rotation matrices from body to ground.
 
     Notes
     -----
@@ -160,8 +164,12 @@ def asymmetric_top(
 
 
 def _principal_top(t: Array, moments: Array, w: Array) -> tuple[Array, Array]:
-    """Rates (n, 3) in principal axes, and attitudes (n, 3, 3) relative to the start; L^2 on the
-    side of I3, w1 and w3 >= 0."""
+    """Rates (n, 3), rad/s, of a free body in its principal axes, and rotation matrices (n, 3, 3)
+    from these axes at each time to those at t = 0.
+
+    ``moments`` I1, I2, I3 ascend or descend, so that L^2 lies between 2 E I2 and 2 E I3; the
+    initial rates ``w`` (3,) have w1 and w3 >= 0.
+    """
     i1, i2, i3 = moments
     toward = i1 * (i1 - i2) * w[0] ** 2 + i3 * (i3 - i2) * w[2] ** 2
     momentum = moments * w
@@ -195,7 +203,9 @@ def _principal_top(t: Array, moments: Array, w: Array) -> tuple[Array, Array]:
     )
 
     def attitude(precession: Array, momentum: Array) -> Array:
-        """Body to axes whose z is along L: Rz(precession) Rx(nutation) Rz(spin)."""
+        """Rotation matrices from principal axes to axes whose z is along L, from the precession
+        angle about L, rad, and the angular momentum in principal axes: Rz(precession) Rx(nutation)
+        Rz(spin)."""
         nutation = np.arctan2(np.hypot(momentum[..., 0], momentum[..., 1]), momentum[..., 2])
         own = np.arctan2(momentum[..., 0], momentum[..., 1])
         return turn(2, precession) @ turn(0, nutation) @ turn(2, own)
@@ -206,7 +216,7 @@ def _principal_top(t: Array, moments: Array, w: Array) -> tuple[Array, Array]:
 
 
 def rotation(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrices (n, 3, 3) about a unit axis (3,), one per angle, rad: Rodrigues'
+    """Rotation matrices (n, 3, 3) about a unit axis (3,), one for each angle, rad: Rodrigues'
     formula."""
     x, y, z = np.asarray(axis, float)
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -234,7 +244,7 @@ def spring_extension(
     t : array_like
         Times, s.
     mass : float
-        Reduced mass of two free bodies, kg.
+        m: the reduced mass of two free bodies, kg.
     force, stiffness, damping : float
         N, N/m, N s/m; below critical damping.
 
@@ -255,11 +265,12 @@ def spring_extension(
 def spring_release(
     mass: float, force: float, stiffness: float, stroke: float, damping: float = 0.0
 ) -> tuple[float, float]:
-    """Time, s, at which a spring has pushed over its stroke, m, and the separation speed, m/s.
+    """Time, s, at which a spring as in `spring_extension` has pushed two bodies apart over its
+    stroke, m, and the separation speed, m/s, at that time.
 
-    Without damping the speed follows from energy, m v^2 / 2 = force stroke - stiffness stroke^2 /
-    2, and the time is acos(1 - stiffness stroke / force) / frequency, computed from its sine so
-    that a short stroke loses no digits.
+    ``mass`` is the reduced mass, kg. Without damping the speed follows from energy, m v^2 / 2 =
+    force stroke - stiffness stroke^2 / 2, and the time is acos(1 - stiffness stroke / force) /
+    frequency, computed from its sine so that a short stroke loses no digits.
     """
     if damping == 0.0:
         speed = math.sqrt((2.0 * force - stiffness * stroke) * stroke / mass)
@@ -280,15 +291,15 @@ def spring_release(
 
 
 def thrust_gap(t: ArrayLike, acceleration: float, build_up: float = 0.0) -> tuple[Array, Array]:
-    """Gap, m, and its rate, m/s, of two bodies that accelerate apart along a slider, aligned with
-    it.
+    """Gap, m, and its rate, m/s, of two bodies on a slider whose motors, in line with it, drive
+    them apart.
 
     Parameters
     ----------
     t : array_like
         Times, s.
     acceleration : float
-        Thrust / mass summed over both bodies, m/s2.
+        Thrust over mass, summed over both bodies, m/s2.
     build_up : float
         Time constant, s; the thrust is F (1 - exp(-t / build_up)).
 
@@ -308,8 +319,9 @@ def thrust_gap(t: ArrayLike, acceleration: float, build_up: float = 0.0) -> tupl
 def burn_gap(
     t: ArrayLike, acceleration: float, burn: float, tail_off: float
 ) -> tuple[Array, Array]:
-    """Gap, m, and rate, m/s, as `thrust_gap` without build-up, of a thrust that falls as exp(-(t -
-    burn) / tail_off) after ``burn``, s."""
+    """Gap, m, and its rate, m/s, as `thrust_gap` without build-up, for a thrust that is constant up
+    to the time ``burn``, s, and then falls as exp(-(t - burn) / tail_off), with ``tail_off`` in
+    s."""
     t = np.asarray(t, float)
     on, after = np.minimum(t, burn), np.maximum(t - burn, 0.0)
     gained = -np.expm1(-after / tail_off) * tail_off  # integral of the falling exponential
@@ -324,8 +336,8 @@ def burn_gap(
 def pendulum(
     t: ArrayLike, frequency: float, angle: float, rate: float = 0.0
 ) -> tuple[Array, Array]:
-    """Angle, rad, and rate, rad/s, of angle'' = -frequency^2 sin(angle) from any start: swinging,
-    circling or on the separatrix.
+    """Angle, rad, and rate, rad/s, of angle'' = -frequency^2 sin(angle) at times t, from any start:
+    swinging, circling or on the separatrix.
 
     Parameters
     ----------
@@ -334,7 +346,7 @@ def pendulum(
     frequency : float
         Of small swings, rad/s: sqrt(m g h / J), J about the hinge; sqrt(g / L) for a mass on a rod.
     angle, rate : float
-        At t = 0, from the rest position, within half a turn.
+        At t = 0, rad from the lowest position, within half a turn, and rad/s.
 
     Notes
     -----
@@ -357,25 +369,27 @@ def pendulum(
 
 
 def pendulum_period(frequency: float, amplitude: float) -> float:
-    """Period (s) of a pendulum of finite amplitude (rad): 4 K(sin^2(amplitude / 2)) / frequency."""
+    """Period, s, of a pendulum that swings to an amplitude, rad, with ``frequency``, rad/s, as in
+    `pendulum`: 4 K(sin^2(amplitude / 2)) / frequency."""
     return 4.0 * float(ellipkm1(math.cos(0.5 * amplitude) ** 2)) / frequency
 
 
 def hinge_wrench(
     mass: float, inertia: Array, arm: ArrayLike, rate: float, rate_rate: float, weight: ArrayLike
 ) -> tuple[Array, Array]:
-    """Force, N, and moment, N m, of a fixed hinge along z on its body, moment about the hinge
-    point, body axes.
+    """Force, N, and moment about the hinge point, N m, that a fixed hinge along body z exerts on a
+    body that turns about it, body axes.
 
     Parameters
     ----------
     mass : float
+        kg.
     inertia : ndarray, shape (3, 3)
         About the mass centre, kg m2.
     arm : array_like, shape (3,)
         From the hinge to the mass centre, m.
     rate, rate_rate : float
-        About the hinge, rad/s and rad/s2.
+        Angular rate about the hinge and its derivative, rad/s and rad/s2.
     weight : array_like, shape (3,)
         Force of gravity in body axes, N.
 
@@ -400,8 +414,8 @@ def heavy_top(
     spin: float,
     precession: float,
 ) -> Array:
-    """Cosine of the tilt of a symmetric top on a fixed ball joint, started where its tilt is
-    stationary; cos(tilt) > 0 is upright.
+    """Cosine of the tilt of a symmetric top on a fixed ball joint, at times t, from a start at
+    which the tilt is stationary; cos(tilt) > 0 is upright.
 
     A spherical pendulum is the top without spin. Its period in tilt is `nutation_period`.
 
@@ -410,13 +424,13 @@ def heavy_top(
     t : array_like
         Times, s.
     axial, transverse : float
-        Moments of inertia about the ball, kg m2.
+        Moments of inertia about the ball, kg m2: about the axis of the top, and across it.
     torque : float
-        m g l, N m.
+        m g l, N m, with the distance l from the ball to the mass centre.
     tilt : float
-        At t = 0, between the axis (from the ball to the mass centre) and the vertical, rad.
+        At t = 0, between the axis (from the ball to the mass centre) and the upward vertical, rad.
     spin : float
-        Constant rate about the axis, rad/s.
+        Rate about the axis, rad/s; it is constant.
     precession : float
         Rate of the axis about the upward vertical at t = 0, rad/s.
 
@@ -436,7 +450,7 @@ def heavy_top(
 def nutation_period(
     axial: float, transverse: float, torque: float, tilt: float, spin: float, precession: float
 ) -> float:
-    """Period, s, of the tilt of `heavy_top`."""
+    """Period, s, of the tilt of the top of `heavy_top`; parameters as there."""
     _, _, rate, m1 = _nutation(axial, transverse, torque, tilt, spin, precession)
     return 2.0 * float(ellipkm1(m1)) / rate
 
@@ -444,8 +458,9 @@ def nutation_period(
 def _nutation(
     axial: float, transverse: float, torque: float, tilt: float, spin: float, precession: float
 ) -> tuple[float, float, float, float]:
-    """Both extremes of cos(tilt), and the rate and 1 - k^2 of the elliptic functions between
-    them."""
+    """Return four numbers on the top of `heavy_top`: cos(tilt) at the start and at its other
+    extreme, and the rate, 1/s, and 1 - k^2 of the elliptic function that leads from one to the
+    other."""
     u0, s2 = math.cos(tilt), math.sin(tilt) ** 2
     a, beta = axial * spin / transverse, 2.0 * torque / transverse
     # f(u) = (alpha - beta u)(1 - u^2) - (b - a u)^2 with alpha = beta u0 + precession^2 s2 and b =
@@ -461,11 +476,11 @@ def _nutation(
 def steady_precession(
     axial: float, transverse: float, torque: float, tilt: float, spin: float
 ) -> tuple[float, float]:
-    """Both rates, slow and fast, rad/s, at which the top of `heavy_top` precesses at a constant
-    tilt.
+    """Slow and fast rate, rad/s, at which the top of `heavy_top` precesses about the upward
+    vertical at a constant tilt; parameters as there.
 
-    Roots of transverse cos(tilt) w^2 - axial spin w + torque = 0. Without spin and hanging,
-    +-sqrt(torque / (transverse |cos|)): the conical pendulum.
+    They are the roots w of transverse cos(tilt) w^2 - axial spin w + torque = 0. Without spin and
+    hanging, they are +-sqrt(torque / (transverse |cos|)): the conical pendulum.
     """
     a, b = transverse * math.cos(tilt), axial * spin
     root = math.sqrt(b * b - 4.0 * a * torque)
@@ -476,17 +491,18 @@ def steady_precession(
 
 
 def conical_rate(length: float, gravity: float, tilt: float) -> float:
-    """Rate, rad/s, at which a mass on a rod of a length, m, circles at a constant tilt from the
-    vertical: sqrt(g / (L cos(tilt)))."""
+    """Rate, rad/s, at which a mass on a rod circles at a constant tilt, rad, from the downward
+    vertical: sqrt(g / (L cos(tilt))), with the length L, m, and the gravity g, m/s2."""
     return math.sqrt(gravity / (length * math.cos(tilt)))
 
 
 def hooke_angle(angle: ArrayLike, bend: float) -> Array:
-    """Angle of the driven shaft of a universal joint: tan(driven) = tan(angle) cos(bend).
+    """Angle of the driven shaft of a universal joint, rad, from the angle of the driving shaft:
+    tan(driven) = tan(angle) cos(bend), with the angle ``bend``, rad, between the shafts.
 
-    Angles, rad, count from the position of the driving fork's pin normal to the plane of the
-    shafts, in the same sense. Textbook kinematics of Hooke's joint; the ratio of rates is
-    `hooke_ratio`.
+    Both angles count, in the same sense, from the position in which the pin of the driving fork is
+    normal to the plane of the shafts; full turns are kept. Textbook kinematics of Hooke's joint;
+    the ratio of rates is `hooke_ratio`.
     """
     s, c, k = np.sin(angle), np.cos(angle), math.cos(bend)
     return np.asarray(angle, float) + np.arctan2((k - 1.0) * s * c, c * c + k * s * s)
@@ -494,7 +510,7 @@ def hooke_angle(angle: ArrayLike, bend: float) -> Array:
 
 def hooke_ratio(angle: ArrayLike, bend: float) -> Array:
     """Rate of the driven shaft over that of the driving one: cos(bend) / (1 - sin^2(bend)
-    sin^2(angle)); see `hooke_angle`."""
+    sin^2(angle)); angles, rad, as in `hooke_angle`."""
     return math.cos(bend) / (1.0 - (math.sin(bend) * np.sin(angle)) ** 2)
 
 
@@ -504,8 +520,8 @@ def hooke_ratio(angle: ArrayLike, bend: float) -> Array:
 
 @dataclass(frozen=True)
 class TipOff:
-    """Tip-off from a rail: time from release of the front shoe to release of the rear one, s;
-    angle, rad, and rate, rad/s, about z then."""
+    """Tip-off from a rail: time from release of the front shoe to release of the rear one, s; angle
+    from the rail, rad, and rate, rad/s, about z at the release of the rear one."""
 
     time: float
     angle: float
@@ -522,26 +538,26 @@ def tip_off(
     speed: float,
     travel: float,
 ) -> TipOff:
-    """Tip-off of a coasting body that turns about its rear shoe after the front one has left a
-    straight rail.
+    """Tip-off of a coasting body that turns about its rear shoe under gravity after the front shoe
+    has left a straight rail, until the rear shoe leaves it.
 
     Parameters
     ----------
     mass, inertia : float
         kg, and kg m2 about z through the mass centre.
     ahead, above : float
-        Mass centre from the rear shoe, along and across the rail, m.
+        Position of the mass centre from the rear shoe, along and across the rail, m.
     gravity, elevation : float
-        m/s2; of the rail, rad.
+        Gravity, m/s2; angle of the rail above the horizontal, rad.
     speed : float
         Along the rail when the front shoe leaves, m/s.
     travel : float
-        Of the rear shoe from then to the end of the rail, m.
+        Path of the rear shoe from that instant to the end of the rail, m.
 
     Notes
     -----
-    The rail pushes across itself only. So the mass centre moves along it as thrown, speed t - g
-    sin(elevation) t^2 / 2, and across it energy is conserved: (J + m c^2) w^2 / 2 = -m g
+    The rail exerts a force only across itself. So the mass centre moves along it as thrown, speed t
+    - g sin(elevation) t^2 / 2, and across it energy is conserved: (J + m c^2) w^2 / 2 = -m g
     cos(elevation) h, with h = ahead sin(a) + above (cos(a) - 1) the rise of the mass centre and c =
     dh/da. The rate is a function of the angle, in closed form; the time is a quadrature over the
     angle a = -q^2, whose integrand is smooth.
@@ -549,20 +565,23 @@ def tip_off(
     pull = mass * gravity * math.cos(elevation)
 
     def lever(a: float) -> float:
+        """Lever arm c = dh/da, m, at the angle a, rad."""
         return ahead * math.cos(a) - above * math.sin(a)
 
     def rate(a: float) -> float:
         # rise = lever of the half angle times the chord, exact and without cancellation
+        """Rate, rad/s, at the angle a < 0, rad, from energy."""
         rise = 2.0 * math.sin(0.5 * a) * (ahead * math.cos(0.5 * a) - above * math.sin(0.5 * a))
         return -math.sqrt(-2.0 * pull * rise / (inertia + mass * lever(a) ** 2))
 
     def slowness(q: float) -> float:
-        """dt/dq: 2 q / |rate|, finite at the start."""
+        """dt/dq, s: 2 q / |rate| at the angle -q^2, finite at the start."""
         if q == 0.0:
             return 2.0 * math.sqrt((inertia + mass * ahead**2) / (2.0 * pull * ahead))
         return -2.0 * q / rate(-q * q)
 
     def time(q: float) -> float:
+        """Time, s, from release of the front shoe to the angle -q^2."""
         nodes, weights = leggauss(40)  # Gauss and Legendre; 30 nodes give the same to round-off
         return (
             0.5
@@ -574,7 +593,8 @@ def tip_off(
         )
 
     def remaining_travel(q: float) -> float:
-        """Remaining travel of the rear shoe: that of the mass centre, minus the lag of the shoe."""
+        """Distance, m, from the rear shoe to the end of the rail at the angle -q^2: ``travel``
+        minus the path of the shoe, which is that of the mass centre plus the shift between them."""
         t, a = time(q), -q * q
         shift = ahead * (1.0 - math.cos(a)) + above * math.sin(a)
         return travel - (speed * t - 0.5 * gravity * math.sin(elevation) * t * t + shift)

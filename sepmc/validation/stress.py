@@ -1,7 +1,7 @@
-"""`sepmc stress`: numerical stability on hard inputs, in one table.
+"""`sepmc stress`: accuracy on numerically hard inputs, in one table.
 
-A line is an input, the error of a quantity, its bound with a reason, set beforehand, and whether
-status or audit reported an error.
+Each line of the table has an input, the error of a quantity, the bound of that error, which was set
+beforehand and states its reason, and whether the status or an audit column reported an error.
 """
 
 from collections.abc import Callable, Iterable
@@ -73,7 +73,7 @@ STRESSES: dict[str, Callable[[], list[Stress]]] = {
 
 
 def stress(names: Iterable[str] | None = None) -> list[Stress]:
-    """Run stresses and return their lines.
+    """Run stresses one after the other and return their lines.
 
     Parameters
     ----------

@@ -1,1 +1,2 @@
-"""Checks of `sepmc verify`: functions that run a scene and return its lines."""
+"""Checks of `sepmc verify`: each is a function that simulates scenes and returns lines of the table
+(`sepmc.validation.line.Line`)."""

@@ -1,5 +1,5 @@
-"""Laws of every motion, whatever the formulation: joints do no work; momentum, angular momentum and
-energy are conserved."""
+"""Checks on conservation laws, which hold in every formulation: joints do no work; momentum,
+angular momentum and energy are conserved."""
 
 import numpy as np
 from scipy.integrate import simpson
@@ -12,8 +12,9 @@ ROUND_OFF = 1e-11  # relative to the largest cancelling term
 
 
 def no_work() -> list[Line]:
-    """Check: the power of the wrench of an ideal joint on its two bodies, the sum of F . v(r) +
-    M . w, is zero, relative to its largest term."""
+    """Check that an ideal joint does no work, one line for each joint kind: the power of its forces
+    and moments on its two bodies, the sum of F . v + M . w, is zero relative to the largest term of
+    the sum."""
     lines = []
     for kind in KINDS:
         run = nominal_run(kind)
@@ -35,13 +36,15 @@ def no_work() -> list[Line]:
 
 
 def _ends(run: NominalRun) -> tuple:
-    """Layout points of the joint on its two bodies."""
+    """Layout points of the joint ``link``, m, on its first and second body; they are equal except
+    for a rod."""
     joint = run.scene.joint["link"]
     return joint.point, joint.second_point or joint.point
 
 
 class _Sums:
-    """Momentum, angular momentum about the origin and kinetic energy of all bodies over time."""
+    """Sums over all bodies in the n rows of a run, ground axes: ``momentum`` (n, 3), kg m/s;
+    angular momentum about the origin, ``spin`` (n, 3), kg m2/s; kinetic ``energy`` (n,), J."""
 
     def __init__(self, run: NominalRun):
         self.momentum, self.spin, self.energy = (
@@ -60,7 +63,8 @@ class _Sums:
 
 
 def _integral(run: NominalRun, rate: Array) -> Array:
-    """Integral of a rate over the run: Simpson's rule on each phase, with rows every 1 ms."""
+    """Integral over the whole run of a rate (n,) or (n, 3), given in the rows of the run: a number
+    or (3,), by Simpson's rule on each phase. The rows must be close, as with 1 ms."""
     return sum(
         simpson(rate[run.phase == phase], x=run.t[run.phase == phase], axis=0)
         for phase in dict.fromkeys(run.phase)
@@ -68,8 +72,8 @@ def _integral(run: NominalRun, rate: Array) -> Array:
 
 
 def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
-    """Force (n, 3), N, moment about the origin (n, 3), N m, and power (n,), W, of all motors over
-    time, ground axes. The thrust is constant."""
+    """Force (n, 3), N, moment about the origin (n, 3), N m, and power (n,), W, of all motors in the
+    n rows of a run, ground axes. Build-up, burn time and tail-off are not included."""
     force, moment, power = (
         np.zeros((len(run.t), 3)),
         np.zeros((len(run.t), 3)),
@@ -94,7 +98,8 @@ def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
 
 
 def _springs(run: NominalRun) -> tuple[Array, Array]:
-    """Energy stored in all springs since the start, J, and the power lost in their dampers, W."""
+    """Energy stored in all springs since the start, (n,), J, and power lost in their dampers, (n,),
+    W, in the n rows of a run."""
     stored, lost = np.zeros(len(run.t)), np.zeros(len(run.t))
     for spring in run.scene.spring:
         a, b = (run.body(name) for name in spring.bodies)
@@ -125,9 +130,12 @@ def _springs(run: NominalRun) -> tuple[Array, Array]:
 
 
 def balance() -> list[Line]:
-    """Check: three bodies, a ball joint, a slider that is released, two springs, two motors:
-    momentum, angular momentum and energy at the end follow from impulse, moment and work of the
-    thrust."""
+    """Check the balance of momentum, angular momentum and energy at the end of chain.toml (three
+    bodies on a ball joint and a slider that is released, with two springs and two motors) against
+    impulse, moment and work of the thrust.
+
+    The three cases are springs alone, with motors, and with motors and dampers.
+    """
     lines = []
     for case, settings in (
         ("chain with springs", {"motor.ahead.thrust_N": 0.0, "motor.retro.thrust_N": 0.0}),

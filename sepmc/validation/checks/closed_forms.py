@@ -1,4 +1,5 @@
-"""The engine against the closed forms of `sepmc.validation.references`."""
+"""Checks on free, welded and separating bodies against the closed forms of
+`sepmc.validation.references`."""
 
 import math
 
@@ -19,8 +20,8 @@ TOPS = {
 
 
 def free_body() -> list[Line]:
-    """Check: Euler's equations of a body without symmetry, in both branches and near the separatrix
-    between them."""
+    """Check rates and attitude of a free body without symmetry against Euler's equations in closed
+    form, in both branches of the solution and near the separatrix between them."""
     lines = []
     for name, rates in TOPS.items():
         base = campaign("free_body")
@@ -39,8 +40,9 @@ def free_body() -> list[Line]:
 
 
 def _welded(run: NominalRun, joint: str, case: str) -> list[Line]:
-    """Lines on rates, attitude and joint wrench of two bodies welded by ``joint``, against those of
-    the composite; ``case`` is their label."""
+    """Lines of `sepmc verify` on rates and attitude of the second of two bodies welded by
+    ``joint``, and on the force and moment on it, against those of one composite body; ``case`` is
+    their label."""
     scene = run.scene
     first, second = scene.joint[joint].bodies
     # from the joint point
@@ -67,13 +69,15 @@ def _welded(run: NominalRun, joint: str, case: str) -> list[Line]:
 
 
 def welded() -> list[Line]:
-    """Check: two asymmetric bodies in a fixed joint are one rigid body."""
+    """Check that two asymmetric bodies in a fixed joint move as one rigid body, with the constraint
+    force and moment that this needs."""
     return _welded(NominalRun(campaign("welded"), 0.05), "weld", "welded pair")
 
 
 def nasa_boxes() -> list[Line]:
-    """Check: NASA/TP-2016-219326 test case 1: the closed form, and the digits of an independent
-    solution with 24 unknowns (half a unit of the last digit)."""
+    """Check NASA/TP-2016-219326 test case 1, two welded boxes, against the closed form, and against
+    the printed digits of an independent solution with 24 unknowns, to half a unit of the last
+    digit."""
     case, run = "NASA boxes", NominalRun(campaign("nasa_boxes"), 0.05)
     lines = _welded(run, "face", case)
     for axis, value, digits in zip(
@@ -92,8 +96,8 @@ def nasa_boxes() -> list[Line]:
 
 
 def pushed_apart() -> list[Line]:
-    """Check: a linear spring between two free bodies, during the push, and with a stroke limit,
-    where momentum and energy give the speeds."""
+    """Check two free bodies pushed apart by a linear spring against the closed form: during the
+    push, and after a stroke limit, where momentum and energy give the speeds."""
     lines = []
     for case, settings in (
         ("spring", {}),
@@ -112,7 +116,8 @@ def pushed_apart() -> list[Line]:
 
 
 def _pushed(run: NominalRun, case: str) -> list[Line]:
-    """Lines on the extension of the spring and the speeds of both bodies and of the separation."""
+    """Lines of `sepmc verify` on the extension of the spring, on the separation speed and on the
+    speeds of both bodies, against the closed form; ``case`` is their label."""
     spring, mass = run.scene.spring[0], [run.scene.body[b].mass for b in ("fore", "aft")]
     spring_data = ref.reduced_mass(*mass), spring.force, spring.stiffness
     x, v = ref.spring_extension(run.t, *spring_data, spring.damping)
@@ -135,8 +140,8 @@ def _pushed(run: NominalRun, case: str) -> list[Line]:
 
 
 def thrust_slider() -> list[Line]:
-    """Check: thrust along a slider that accelerates both bodies: gap and rate, with build-up and
-    tail-off, and the release time."""
+    """Check a slider along which motors drive both bodies apart: gap and its rate, with constant
+    thrust, build-up and tail-off, and the release time with constant thrust."""
     motors = [f"motor.{name}" for name in ("ahead", "retro")]
     ending = {f"{motor}.burn_s": 0.3 for motor in motors} | {
         f"{motor}.tail_off_s": 0.1 for motor in motors
@@ -166,8 +171,9 @@ def thrust_slider() -> list[Line]:
 
 
 def rail() -> list[Line]:
-    """Check: tip-off: a rocket turns about its rear shoe under gravity after the front one has left
-    the rail, until the rear one leaves."""
+    """Check the tip-off of a rocket, which turns about its rear shoe under gravity after the front
+    shoe has left the rail: release time of the rear shoe, and pitch and rate then and at the
+    end."""
     run, case = NominalRun(campaign("rail")), "tip-off from a rail"
     scene = run.scene
     body, motor, g, elevation = (

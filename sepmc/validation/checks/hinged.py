@@ -1,4 +1,4 @@
-"""Pendulums, tops and shafts on joints to the ground against the closed forms of
+"""Checks on pendulums, tops and shafts on joints to the ground against the closed forms of
 `sepmc.validation.references`."""
 
 import math
@@ -11,8 +11,8 @@ from sepmc.validation.line import Line, worst
 
 
 def pendulum() -> list[Line]:
-    """Check: a body without symmetry on a revolute joint: swinging, circling, its period, and the
-    loads of the hinge."""
+    """Check a body without symmetry on a revolute joint, swinging and circling: attitude, rate,
+    force and moment of the hinge, and the period of the swing."""
     lines = []
     for case, rate in (("physical pendulum", 0.0), ("pendulum over the top", 9.0)):
         run = NominalRun(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
@@ -60,11 +60,11 @@ def pendulum() -> list[Line]:
 
 
 def _started_top(pitch: float, spin: float, precession: float) -> NominalRun:
-    """The top started with a pitch, rad, a rate about its axis and a rate of the axis about the
-    upward vertical, rad/s.
+    """Run of top.toml, started with a pitch, rad, a rate about the axis of the top, and a rate of
+    that axis about the upward vertical, rad/s.
 
-    The axis, from the ball to the mass centre, is body -x; the vertical is (sin, cos, 0) of the
-    pitch in body axes.
+    The axis, from the ball to the mass centre, is body -x; the upward vertical in body axes is
+    (sin, cos, 0) of the pitch.
     """
     rates = [-spin, precession * math.cos(pitch), 0.0]
     return NominalRun(
@@ -73,8 +73,8 @@ def _started_top(pitch: float, spin: float, precession: float) -> NominalRun:
 
 
 def top() -> list[Line]:
-    """Check: a symmetric body on a spherical joint: tilt and spin of the top and the spherical
-    pendulum, and steady precession of both."""
+    """Check a symmetric body on a spherical joint: tilt and spin of a nutating top and of a
+    spherical pendulum, and the direction of the axis in steady precession of both."""
     scene = campaign("top").scene
     g, length, mass = (
         scene.environment.surface_gravity,
@@ -110,8 +110,8 @@ def top() -> list[Line]:
 
 
 def rod_pendulum() -> list[Line]:
-    """Check: a body on a rod at its mass centre: swing and tension of the simple pendulum, the
-    conical one, and its free rotation."""
+    """Check a body hung by its mass centre on a rod: position and tension of the simple pendulum,
+    position of the conical pendulum, no moment of the rod, and free rotation of the body."""
     scene = campaign("rod_pendulum").scene
     mass, g, length = (
         scene.body["bob"].mass,
@@ -160,9 +160,9 @@ def rod_pendulum() -> list[Line]:
 
 
 def hooke() -> list[Line]:
-    """Check: a universal joint between two shafts in bearings, a closed loop through the ground:
-    attitude and rate of the driven shaft, and the energy of both, from the angle of the driving
-    one."""
+    """Check a universal joint between two shafts in bearings, a closed loop through the ground:
+    attitude and rate of the driven shaft, and the kinetic energy of both shafts, as functions of
+    the angle of the driving shaft."""
     case, bend, run = "Hooke's joint", math.radians(40.0), NominalRun(campaign("hooke"))
     driving, driven = run.body("driving"), run.body("driven")
     angle = np.radians(run.history["driving_roll_deg"].to_numpy())

@@ -1,4 +1,5 @@
-"""One scene with every joint kind: two formulations of the engine, and minimal coordinates."""
+"""Checks on two_bodies.toml with each joint kind: full against reduced formulation, and the engine
+against minimal coordinates."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -22,7 +23,8 @@ KINDS = (*(kind for kind in lagrange.KINDS if kind != "free"), *CUSTOM)
 
 
 def _campaign(kind: str, other_settings: dict[str, Any] | None = None) -> Campaign:
-    """Campaign of two_bodies.toml with a joint of one kind, and ``other_settings`` by TOML path."""
+    """Campaign of two_bodies.toml with a joint of ``kind``, a name of `KINDS`, which stays to the
+    end; ``other_settings`` replaces values in the file, by path."""
     name = "own" if kind in CUSTOM else kind
     settings: dict[str, Any] = {"phase": [{"name": "held", "joints": {"link": name}}]} | (
         other_settings or {}
@@ -38,15 +40,19 @@ def _campaign(kind: str, other_settings: dict[str, Any] | None = None) -> Campai
 
 @cache
 def nominal_run(kind: str) -> NominalRun:
-    """Nominal run of two_bodies.toml with a joint of one kind, cached."""
+    """Nominal run of two_bodies.toml with a joint of ``kind``, a name of `KINDS`; it is cached."""
     return NominalRun(_campaign(kind), 0.05)
 
 
 def largest_difference(
     case: str, run: Mapping[str, Any], expected: Mapping[str, Any], sizes: Mapping[str, float]
 ) -> Line:
-    """Line of the quantity that differs most, relative to the larger of its expected value and its
-    scale in ``sizes``."""
+    """Line of `sepmc verify` on the quantity that differs most between a run and the expected
+    values, both by name; the tolerance is 1e-10.
+
+    The difference is relative to the larger of the expected value and ``sizes`` of that name; NaN
+    counts as the largest. Values may be numbers or arrays that broadcast.
+    """
     difference = {
         name: float(
             np.max(np.abs(np.asarray(run[name]) - value) / np.maximum(np.abs(value), sizes[name]))
@@ -58,7 +64,8 @@ def largest_difference(
 
 
 def sizes(run: NominalRun) -> dict[str, float]:
-    """Scale of every column of a run of two_bodies.toml."""
+    """Scale of every history column of a run of two_bodies.toml, by column name and in the unit of
+    the column: `SIZES` of the unit, the largest load for N and N m, else 1."""
     units = run.history.attrs["units"]
     wrench = max(
         float(run.history[name].abs().max()) for name, unit in units.items() if unit in ("N", "N m")
@@ -68,8 +75,9 @@ def sizes(run: NominalRun) -> dict[str, float]:
 
 
 def full_against_reduced() -> list[Line]:
-    """A line for each joint kind: full against reduced formulation, largest difference in any
-    column of the history; at long steps, whose errors are equal in both."""
+    """Check the full against the reduced formulation, one line for each joint kind: largest
+    difference in any column of the history. The steps are long, 0.05 s, as their errors are equal
+    in both."""
     lines = []
     for kind in KINDS:
         reduced, full = (
@@ -89,8 +97,8 @@ def full_against_reduced() -> list[Line]:
 
 
 def against_lagrange() -> list[Line]:
-    """A line for each joint kind: outcomes, last row of the history and joint loads at the end
-    against minimal coordinates."""
+    """Check the engine against minimal coordinates, one line for each joint kind: largest
+    difference of outcomes, of the last row of the history and of the joint loads at the end."""
     lines = []
     for kind in KINDS:
         run = nominal_run(kind)

@@ -1,4 +1,4 @@
-"""Order of convergence of every integrator, with and without an event."""
+"""Check of the order of convergence of the methods rk4 and dop853, with and without a release."""
 
 from collections.abc import Callable
 
@@ -33,8 +33,9 @@ RELEASE = {
 
 
 def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], float]) -> Line:
-    """Line on the order of a method: the slope of log error over log step, fitted to its errors at
-    ``steps``, s; ``error`` returns that of a run with the settings it is given."""
+    """Line of `sepmc verify` on the order of a method, which must reach that of `STUDIES`: the
+    slope of log error over log step, fitted at ``steps``, s. ``error`` takes settings by TOML path
+    and returns the error of a run with them."""
     order, allowed, *_ = STUDIES[method]
     errors = [error({"solver.method": method, "solver.step_s": float(step)}) for step in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
@@ -42,8 +43,9 @@ def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], fl
 
 
 def orders() -> list[Line]:
-    """Check: rates and attitude of a free body against the closed form; after a release, against
-    Newton and Euler."""
+    """Check the order of convergence of the methods in `STUDIES`, two lines each: of a free body
+    against the closed form, and of two bodies with a release against
+    `sepmc.validation.lagrange`."""
     smooth, event = campaign("free_body", SMOOTH), campaign("two_bodies", RELEASE)
     w, r = ref.asymmetric_top(
         smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega
@@ -55,12 +57,14 @@ def orders() -> list[Line]:
     )
 
     def of_smooth(settings: dict) -> float:
-        """Error of a run without events."""
+        """Largest error of rates, rad/s, and attitude matrix at the end of a run of the free
+        body."""
         stone = NominalRun(smooth.with_settings(settings), smooth.scene.run.end_time).body("stone")
         return float(max(np.abs(stone.w[-1] - w[0]).max(), np.abs(stone.r[-1] - r[0]).max()))
 
     def of_event(settings: dict) -> float:
-        """Error of a run with a release."""
+        """Largest relative error of the release time and of the rates at the end of a run with a
+        release."""
         outcomes = NominalRun(event.with_settings(settings), event.scene.run.end_time).outcomes
         return float(
             max(abs(outcomes[name] - expected[name]) / abs(expected[name]) for name in names)

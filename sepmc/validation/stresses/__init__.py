@@ -1,1 +1,2 @@
-"""Hard inputs of `sepmc stress`, by the cause of difficulty."""
+"""Stresses of `sepmc stress`, by the cause of difficulty: each is a function that simulates hard
+inputs and returns lines of the table (`sepmc.validation.stresses.line.Stress`)."""

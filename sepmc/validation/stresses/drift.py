@@ -1,5 +1,5 @@
-"""One hour of constrained motion in empty space with each method of drift control: accuracy and
-cost."""
+"""Stress of one hour of constrained motion in empty space with each method of drift control
+(``solver.drift``): accuracy, and the cost of a step."""
 
 import math
 import time
@@ -40,7 +40,8 @@ TIMED, REPEATS = 6000, 3  # timed steps and repetitions; the minimum counts
 
 @dataclass(frozen=True)
 class Hour:
-    """Run of one hour: largest relative changes of the invariants, and the time of a step, s."""
+    """Run of a motion over one hour with a method of drift control: largest relative changes of
+    energy and angular momentum, relative error of attitude, and processor time of a step, s."""
 
     motion: str
     method: str
@@ -52,7 +53,7 @@ class Hour:
 
 
 def _chain() -> Tree:
-    """Three bodies on two ball joints, in irregular motion."""
+    """Tree of three bodies on two ball joints, in irregular motion, for one hour."""
     last = body(2.1, [0.8, 1.5, 1.2], [4.2, 0.1, 0.06], [0.0, -0.1, 0.15])
     joints = {
         "front": joint("fore", "aft", [2.0, 0.1, 0.05]),
@@ -69,7 +70,7 @@ def _chain() -> Tree:
 
 
 def motions() -> dict[str, Tree]:
-    """Motions of an hour: at 1.2 rad/s, 4500 rad in all."""
+    """Trees of the motions of one hour, by name; they rotate at 1.2 rad/s, 4500 rad in all."""
     return {
         "weld": pair("fixed", HOUR, STEP),
         "hinge": pair("revolute", HOUR, STEP),
@@ -78,7 +79,8 @@ def motions() -> dict[str, Tree]:
 
 
 def invariants(run: NominalRun) -> tuple[np.ndarray, np.ndarray]:
-    """Kinetic energy (n,), J, and angular momentum about the origin (n, 3), ground axes."""
+    """Kinetic energy (n,), J, and angular momentum about the origin (n, 3), kg m2/s, ground axes,
+    of all bodies in the n rows of a run."""
     energy, spin = np.zeros(len(run.t)), np.zeros((len(run.t), 3))
     for name, data in run.scene.body.items():
         x, v, r, w = run.body(name)
@@ -90,7 +92,7 @@ def invariants(run: NominalRun) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def hours() -> tuple[Hour, ...]:
-    """Runs of every motion with every method of drift control, cached."""
+    """Runs of one hour of every motion with every method of drift control, cached."""
     runs = []
     for motion, tree in motions().items():
         trees = {method: tree | {"solver": {"step_s": STEP, "drift": method}} for method in METHODS}
@@ -112,8 +114,9 @@ def hours() -> tuple[Hour, ...]:
 
 
 def _seconds_a_step(trees: dict[str, Tree]) -> dict[str, float]:
-    """Minimum processor time of a step, s, by method, of runs without history; the methods
-    alternate, so that a busy machine slows all alike."""
+    """Minimum processor time of a step, s, by method of drift control, of compiled runs without
+    history; ``trees`` has a scene for each method. The methods alternate, so that a busy machine
+    slows all of them alike."""
     campaigns = {
         method: make(tree | {"run": {"end_time_s": TIMED * STEP}}) for method, tree in trees.items()
     }
@@ -140,12 +143,13 @@ def _seconds_a_step(trees: dict[str, Tree]) -> dict[str, float]:
 
 
 def _bounds() -> dict[str, Bound]:
-    """Allowed relative change of the invariants over an hour, by method.
+    """Allowed relative change of energy and angular momentum over an hour, by method of drift
+    control.
 
     none: joints drift by the round-off of the accelerations, 100 eps, summed twice, and the joint
     force does work over that drift. projection: a correction of at most 1e-12 a step, of either
-    sign. baumgarte: its correction is of the size of the error of the inner stages; only the audit
-    limits it.
+    sign. baumgarte: its correction is as large as the error of the inner stages of a step; only the
+    audit limits it.
     """
     return {
         "none": Bound(100.0 * EPS * STEP**2 * STEPS**1.5, "100 eps x h^2 N^1.5 (drift)"),
@@ -155,8 +159,9 @@ def _bounds() -> dict[str, Bound]:
 
 
 def hour() -> list[Stress]:
-    """Stress: one hour of 72,000 steps: energy and angular momentum are constant, and a weld
-    follows its closed form."""
+    """Lines of `sepmc stress` on one hour of 72,000 steps, by motion and method of drift control:
+    energy and angular momentum are constant, and a weld follows its closed form. Those of
+    ``projection`` must be accurate."""
     lines = []
     turned = float(np.linalg.norm(OMEGA)) * HOUR
     for x in hours():
@@ -185,8 +190,8 @@ def hour() -> list[Stress]:
 
 
 def hours_table() -> str:
-    """Changes over an hour by method of drift control, and the time of a step relative to none, of
-    a single case."""
+    """Table of the runs of `hours` as plain text: joint residuals, changes of the invariants, and
+    the time of a step of a single case, in us and over that without drift control."""
     head = (
         "motion",
         "drift",

@@ -1,4 +1,5 @@
-"""Tables of aerodynamics, air, wind and proximity at their edges and beyond."""
+"""Stresses of tables of aerodynamics, air, wind and proximity, entered at their edges and
+beyond."""
 
 import math
 
@@ -19,8 +20,9 @@ AIR = {
 def _probe(
     aero: Tree, environment: Tree | None = None, initial: Tree | None = None, end: float = 1.0
 ) -> Tree:
-    """Scene of a body in uniform air, without gravity, at 5 km and 300 m/s; tables of the file by
-    the names of the arguments, end in s."""
+    """Tree of a body ``probe`` in uniform air, without gravity, at 5 km and 300 m/s. ``aero``,
+    ``environment`` and ``initial`` add keys to, or replace keys of, these tables of the file; end
+    time in s."""
     data = {"reference_area_m2": AREA, "reference_length_m": 1.0, **aero}
     tree = scene(
         {"probe": body(MASS, [10.0, 50.0, 50.0], [1.0, 0.0, 0.0], aerodynamics=data)},
@@ -37,28 +39,28 @@ def _probe(
 
 
 def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
-    """Speed at times t, s, with drag of a constant coefficient, from ``speed`` at 0, m/s:
-    v' = -k v^2."""
+    """Speed, m/s, at times t, s, of the probe with a constant axial coefficient, from ``speed`` at
+    t = 0, m/s: v' = -k v^2."""
     return speed / (1.0 + 0.5 * DENSITY * AREA * axial / MASS * speed * t)
 
 
 def _speed_error(run: NominalRun, expected: np.ndarray) -> float:
-    """Relative error of the body's speed."""
+    """Relative error of the probe's velocity along ground x; ``expected`` in m/s."""
     return relative(run.body("probe").v[:, 0], expected)
 
 
 def aero_tables() -> list[Stress]:
-    """Stress: tables of one coefficient over Mach, alpha or beta, entered on the edge, just inside
-    and just outside.
+    """Lines of `sepmc stress` on an aerodynamic table over Mach, alpha or beta, entered within its
+    range, at its edge, just beyond and far beyond.
 
-    On an edge the round-off of speed or angle decides: inside and accurate, or outside and flagged,
-    are both right.
+    At an edge the round-off of speed or angle decides: inside and accurate, and outside and
+    flagged, are both right. Beyond it, a case must be flagged.
     """
     lines = []
     mach = SPEED / SOUND
 
     def table(axis: str, low: float, high: float) -> Tree:
-        """Table of a constant axial coefficient."""
+        """Aerodynamic table of a constant axial coefficient over ``axis`` from low to high."""
         return {"table": {axis: [low, 0.5 * (low + high), high], "axial": [0.4] * 3}}
 
     for label, axis, low, high, inside in (
@@ -110,8 +112,8 @@ def aero_tables() -> list[Stress]:
 
 
 def air() -> list[Stress]:
-    """Stress: air tabulated up to a height, and the 1976 atmosphere: on the edges, and through
-    them."""
+    """Lines of `sepmc stress` on flights at the edges of a table of air and of the 1976 atmosphere,
+    which must be accurate, and through the edges, which must be flagged."""
     lines = []
     drag = {"axial": {"const": 0.4}}
     for label, altitude, pitch, inside in (
@@ -151,7 +153,8 @@ def air() -> list[Stress]:
 
 
 def wind() -> list[Stress]:
-    """Stress: wind profile below, within and above its rows: constant beyond them."""
+    """Lines of `sepmc stress` on the speed of the probe below, within and above the rows of a wind
+    profile, which is constant beyond them."""
     lines = []
     profile = {
         "altitude_m": [1000.0, 5000.0, 6000.0],
@@ -170,8 +173,8 @@ def wind() -> list[Stress]:
 
 
 def _near(distance: list[float], axial: list[float], step: float, push: float) -> Tree:
-    """Scene of two bodies, the first with increments of its axial coefficient over their distance,
-    m; a force ``push``, N, separates them, or drives them together. Steps in s."""
+    """Tree of two bodies, the first with an increment of its axial coefficient over their distance,
+    m. A force ``push``, N, separates them, or drives them together if negative; step in s."""
     tree = _probe({}, end=1.0)
     data = tree["body"]["probe"]["aerodynamics"]
     tree["body"]["other"] = body(MASS, [10.0, 50.0, 50.0], [3.0, 0.0, 0.0], aerodynamics=dict(data))
@@ -185,8 +188,8 @@ def _near(distance: list[float], axial: list[float], step: float, push: float) -
 
 
 def proximity() -> list[Stress]:
-    """Stress: increments far beyond both ends of their distances: constant there. A corner at the
-    end of a table within a step."""
+    """Lines of `sepmc stress` on proximity increments far beyond both ends of their table of
+    distances, where they are constant, and on the corner at the end of the table within a step."""
     lines: list[Stress] = []
     for label, distance, push in (
         ("proximity, beyond its last row", [0.0, 0.05, 0.1], 100.0),

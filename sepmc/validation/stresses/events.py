@@ -1,4 +1,5 @@
-"""Simultaneous events, events on peaks of a load and at angle limits, releases under load."""
+"""Stresses of events: releases at the peak of a load, at angle limits, at one instant, and under
+load."""
 
 import math
 from typing import Any
@@ -16,8 +17,8 @@ from sepmc.validation.stresses.strokes import ROOT, located
 
 
 def _swung(condition: dict[str, float], step: float) -> Tree:
-    """A body on a hinge to the ground that swings from 80 deg beside its lowest position; released
-    on a condition, or at 1 s."""
+    """Tree of a body on a hinge to the ground that swings from 80 deg beside its lowest position;
+    the hinge is released on ``condition``, keys of ``until``, or at 1 s. Step in s."""
     bob = body(2.0, [0.1, 0.3, 0.3], [1.0, 0.0, 0.0])
     hinge = joint("ground", "bob", [0.0, 0.0, 0.0], x_axis=[0.0, 0.0, 1.0])
     until = {"any": [{"joint": "hinge", **condition}, {"time_s": 1.0}]}
@@ -31,16 +32,17 @@ def _swung(condition: dict[str, float], step: float) -> Tree:
 
 
 def _load(angle: float, start: float) -> float:
-    """Force of the hinge, N, of a swing from rest at ``start``, rad, with its components along and
-    across the arm. m = 2, L = 1, J = 2.3."""
+    """Force of the hinge of `_swung`, N, at an angle from the lowest position, rad, in a swing from
+    rest at ``start``, rad: from its components along and across the arm, with m = 2, L = 1, J =
+    2.3."""
     weight, fraction = 2.0 * 9.80665, 2.0 / 2.3
     tangent = weight * (math.cos(angle) + 2.0 * fraction * (math.cos(angle) - math.cos(start)))
     return math.hypot(tangent, weight * (1.0 - fraction) * math.sin(angle))
 
 
 def peak_loads() -> list[Stress]:
-    """Stress: a break load just below, and just above, the peak load of a swing, which lies within
-    a step."""
+    """Lines of `sepmc stress` on the release time of a hinge with a break load just below, or just
+    above, the peak load of a swing, which lies within a step."""
     frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
     lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
     lines = []
@@ -78,8 +80,8 @@ def peak_loads() -> list[Stress]:
 
 
 def angle_limits() -> list[Stress]:
-    """Stress: a hinge released at an angle just below, at and beyond half a turn, where the angle
-    between two bodies turns back."""
+    """Lines of `sepmc stress` on the release time of a hinge with an angle limit from 1e-6 deg to
+    180 deg, where the angle between two bodies turns back."""
     lines = []
     for degrees in (1e-6, 90.0, 179.0, 179.999, 180.0):
         for step in (0.05, 0.013):
@@ -109,8 +111,8 @@ def angle_limits() -> list[Stress]:
 
 
 def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
-    """Run of a core with two boosters beside it, left and right, on sliders, pushed back equally;
-    releases and phases as in a file."""
+    """Run of a core with two boosters beside it, ``left`` and ``right``, on joints of these names,
+    pushed aft equally; ``releases`` and ``phases`` as in a file."""
     bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
     joints, springs = {}, []
     for name, side in (("left", 1.0), ("right", -1.0)):
@@ -130,8 +132,9 @@ def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
 
 
 def simultaneous() -> list[Stress]:
-    """Stress: two joints released at one instant; a phase that ends by a time or a stroke, which
-    are met at one instant or nearly so; conditions met before their phase begins."""
+    """Lines of `sepmc stress` on release times: of two joints at one instant; of a phase ended by a
+    time or a stroke that are met at one instant, or nearly so; of conditions met before their phase
+    begins; of a delayed joint."""
     lines = []
     # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
@@ -173,8 +176,8 @@ def simultaneous() -> list[Stress]:
 
 
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
-    """Line on the release time of a pushed pair, which ends its slider at a stroke, m, or as
-    ``until`` gives; expected at ``time``, s."""
+    """Line of `sepmc stress` on the release time of `pushed`, whose slider ends at a stroke, m, or
+    at the keys of ``until``; ``time`` is the expected one, s."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,
@@ -187,8 +190,9 @@ def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stre
 
 
 def _cascade() -> list[Stress]:
-    """Phases whose conditions are met before they begin end at one instant; a delayed joint is
-    released after its delay."""
+    """Two lines of `sepmc stress` on release times: phases whose conditions are met before they
+    begin all end at one instant; a joint with a delay is released that much after its condition is
+    met."""
     tree = pushed(0.04)
     at = {"joint": "link", "stroke_m": 0.04}
     tree["phase"] = [
@@ -221,7 +225,7 @@ def _cascade() -> list[Stress]:
     return [
         *lines,
         judge(
-            "late by two steps",
+            "joint released two steps late",
             "release, s",
             abs(run.outcomes["release_time_s"] - 0.3),
             located(0.4),
@@ -232,8 +236,9 @@ def _cascade() -> list[Stress]:
 
 
 def under_load() -> list[Stress]:
-    """Stress: a weld with up to 1e9 N is released: momentum and energy are constant, and each mass
-    centre continues along its tangent."""
+    """Lines of `sepmc stress` on a weld released under a load of 2e3 to 2e11 N: rates, energy and
+    angular momentum are constant, and the mass centre of the second body continues along its
+    tangent."""
     lines = []
     for rate in (1.0, 100.0, 1e4):
         bodies = {

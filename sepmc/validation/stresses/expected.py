@@ -1,7 +1,8 @@
-"""Accurate and flagged lines of every stress, as measured.
+"""Number of accurate and of flagged lines of every stress, as measured.
 
-A line passes if it is flagged, whatever its error; these counts show when an accurate line becomes
-flagged. After an intended change: ``python tests/measure/stress_counts.py``.
+A flagged line passes whatever its error, unless it must be accurate; a test compares these numbers,
+so that accurate lines that become flagged are noticed. After an intended change: ``python
+tests/measure/stress_counts.py``.
 """
 
 EXPECTED: dict[str, tuple[int, int]] = {

@@ -1,5 +1,5 @@
-"""Inputs that no dispersion should sample: not finite, not physical, absurdly large; and scenes
-that must be refused."""
+"""Stresses of inputs that no dispersion should sample (not finite, not physical, absurdly large),
+and of scenes that must be refused."""
 
 import copy
 import math
@@ -24,8 +24,8 @@ HUGE, TINY = 1e300, 1e-300
 
 
 class _Varied:
-    """A scene with a dispersion of every number that may vary, and its interpreted kernel, in the
-    steps of the scene."""
+    """Scene in which every number that may vary is an input of the kernel, which runs as plain
+    Python in the steps of the scene; ``nominal`` has their values, SI, by path."""
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
@@ -51,7 +51,8 @@ class _Varied:
         )
 
     def simulate(self, changed: list[dict[str, float]]) -> Block:
-        """Result block of cases, each with some numbers of the scene ``changed``, SI, by path."""
+        """Integrate one case for each entry of ``changed``, with the values in it, SI, by path, and
+        all others nominal; return the block of results."""
         return step_selection.integrate(
             self.campaign,
             self.integration,
@@ -59,7 +60,7 @@ class _Varied:
         )
 
     def row(self, block: Block, i: int) -> dict[str, float]:
-        """Outcomes and audit of case ``i`` of a block, by column name."""
+        """Outcomes and audit values of case ``i`` of a block, by column name."""
         return {
             c.name: x for c, x in zip(self.campaign.result_columns, block.outcomes[i], strict=True)
         }
@@ -74,7 +75,8 @@ class _Varied:
         i: int,
         resolved: bool = False,
     ) -> Stress:
-        """Line of case ``i`` of a block, with its status and its audit."""
+        """Line of `sepmc stress` on case ``i`` of a block, with its status and, if that is ok, its
+        audit columns beyond their bounds."""
         status = Status(int(block.status[i])).label
         return Stress(
             label,
@@ -88,8 +90,8 @@ class _Varied:
 
 
 def _varied() -> _Varied:
-    """A scene with many parameters: two bodies with air, a motor, a spring with a stroke, a load,
-    and a joint that is released."""
+    """Scene with many inputs: two bodies with air, a motor, a spring with a stroke, a load, and a
+    joint that is released."""
     tree = pushed(0.04, end=0.4, spring={"stroke_m": 0.1, "stiffness_N_per_m": 1.0})
     air = {
         "reference_area_m2": 0.1,
@@ -118,8 +120,8 @@ def _varied() -> _Varied:
 
 
 def not_finite() -> list[Stress]:
-    """Stress: NaN and infinities in every parameter in turn, with a valid case before and after all
-    of them, which must not change."""
+    """Lines of `sepmc stress` on NaN and infinities in every input in turn, each of which must be
+    flagged, and on a valid case before and after them in the block, which must not change."""
     varied, lines = _varied(), []
     count, alone = len(varied.nominal), varied.simulate([{}])
     for value in (math.nan, math.inf, -math.inf):
@@ -134,13 +136,13 @@ def not_finite() -> list[Stress]:
         )
         error = float(np.nanmax(np.abs(block.outcomes[[0, -1]] - alone.outcomes)))
         lines.append(
-            varied.line(f"fair cases beside {value}", "all outcomes", error, EXACT, block, 0, True)
+            varied.line(f"valid cases beside {value}", "all outcomes", error, EXACT, block, 0, True)
         )
     return lines
 
 
 def not_physical() -> list[Stress]:
-    """Stress: impossible masses and inertias: each is flagged."""
+    """Lines of `sepmc stress` on impossible masses and inertias, each of which must be flagged."""
     varied, lines = _varied(), []
     for path, values in (
         ("body.aft.mass", (0.0, -0.0, -1.0)),
@@ -157,8 +159,9 @@ def not_physical() -> list[Stress]:
 
 
 def absurd() -> list[Stress]:
-    """Stress: every parameter in turn at +-1e300 and 1e-300: rows with status ok have finite
-    outcomes, except times of releases and ends of strokes, which need not occur."""
+    """Three lines of `sepmc stress` on every input in turn at 1e300, -1e300 and 1e-300: number of
+    cases that are not flagged and have an outcome that is not finite, which must be 0. Times of
+    releases and of ends of strokes may be NaN."""
     varied, lines = _varied(), []
     # without calibration cases there is no error estimate
     needed = [
@@ -186,8 +189,9 @@ def absurd() -> list[Stress]:
 
 
 def rods_without_length() -> list[Stress]:
-    """Stress: a rod whose ends a dispersion brings together, or nearly: flagged in the run. In a
-    file it is refused."""
+    """Lines of `sepmc stress` on the length error of a rod whose ends a dispersion brings together,
+    or nearly: rods of 1 mm and more must be accurate, shorter ones may be flagged. (In a file, a
+    rod without length is refused.)"""
     tree = pair("rod", end=0.2, step=0.01)
     tree["joint"]["link"]["second_point_m"] = [2.5, 0.1, 0.0]
     varied, lines = _Varied(tree), []
@@ -204,7 +208,8 @@ def rods_without_length() -> list[Stress]:
 
 
 def _refusal(label: str, tree: Tree) -> Stress:
-    """Line that passes if a scene is refused when it is read."""
+    """Line of `sepmc stress` that is flagged "refused" if reading the scene raises SceneError, else
+    SILENT."""
     try:
         make(tree)
     except SceneError:
@@ -213,10 +218,10 @@ def _refusal(label: str, tree: Tree) -> Stress:
 
 
 def refused() -> list[Stress]:
-    """Stress: impossible scenes are refused when they are read."""
+    """Lines of `sepmc stress` on impossible scenes, which must be refused when they are read."""
 
     def with_(path: str, value: Any) -> Tree:
-        """Pair with one value changed."""
+        """Tree of a weld of two bodies with the value at ``path`` replaced."""
         tree = copy.deepcopy(pair("fixed"))  # other stresses share its bodies
         *keys, last = path.split(".")
         node = tree

@@ -1,5 +1,5 @@
-"""Line of `sepmc stress`: a hard input, the error of a quantity, its bound, and whether an error
-was reported."""
+"""Line of the table of `sepmc stress` (a hard input, the error of a quantity, its bound, and
+whether an error was reported), and the table itself."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ ACCURATE, FLAGGED, SILENT = "accurate", "flagged", "SILENT"
 
 @dataclass(frozen=True)
 class Bound:
-    """Largest allowed error, and the reason."""
+    """Largest allowed error of a line, and the reason for it as text."""
 
     value: float
     reason: str
@@ -34,32 +34,34 @@ NONE = Bound(0.0, "no answer: must be flagged")
 
 
 def conditioned(condition: float) -> Bound:
-    """Bound of round-off in a problem of a condition number: 100 eps (for the sums behind it) times
-    that; at most 1e-3."""
+    """Bound of round-off in a linear problem with a condition number: 100 eps (for the sums behind
+    it) times that number; at least 1e-10, that of `FORM`, and at most 1e-3."""
     value = min(100.0 * EPS * condition, 1e-3)
     return Bound(value, f"100 eps x {condition:.0e} (condition)") if value > FORM.value else FORM
 
 
 def promised(steps: float) -> Bound:
-    """Error allowed by status ok: 1e-6 a step (schema: attitude_drift)."""
+    """Bound of the error that a case with status ok may have after a number of steps: 1e-6 a step,
+    the audit bound of ``attitude_drift``."""
     return Bound(AUDIT_BOUNDS["attitude_drift"] * steps, f"1e-6 x {steps:.0f} steps (audit)")
 
 
 @dataclass(frozen=True)
 class Stress:
-    """Result of a hard input.
+    """One line of `sepmc stress`: the error of a quantity for a hard input.
 
-    Parameters
+    Attributes
     ----------
     input, quantity : str
-        Input, and the quantity with its unit, if any.
+        Labels: the hard input; what is compared, with its unit, if any.
     error : float
         Error against a reference or an invariant; NaN if there is none.
     bound : Bound
+        Largest error of an accurate line.
     status : str
         Status label of the case, or "refused" if the scene cannot be read.
     beyond : tuple of str
-        Audit columns beyond their bounds.
+        Names of the audit columns beyond their bounds.
     resolved : bool
         The input is reasonable and must be accurate: a flag is a fault too.
     """
@@ -74,20 +76,23 @@ class Stress:
 
     @property
     def verdict(self) -> str:
-        """Flagged if status or audit report an error; else accurate within the bound; else
-        silent."""
+        """Verdict of the line: "flagged" if the status is not ok or an audit column is beyond its
+        bound; else "accurate" if the error is within the bound; else "SILENT", as for a NaN
+        error."""
         if self.status != Status.OK.label or self.beyond:
             return FLAGGED
         return ACCURATE if self.error <= self.bound.value else SILENT
 
     @property
     def passes(self) -> bool:
-        """True if the line passes: never silent, and accurate where that is required."""
+        """True if the verdict is accurate, or if it is flagged and the line need not be accurate
+        (``resolved``)."""
         return self.verdict == ACCURATE or (self.verdict == FLAGGED and not self.resolved)
 
 
 def beyond(outcomes: Mapping[str, float]) -> tuple[str, ...]:
-    """Audit columns of a case beyond their bounds."""
+    """Names of the audit columns whose value in ``outcomes``, by column name, exceeds the bound of
+    `AUDIT_BOUNDS` or is NaN."""
     return tuple(
         name
         for name, bound in AUDIT_BOUNDS.items()
@@ -103,13 +108,14 @@ def judge(
     run: NominalRun,
     resolved: bool = False,
 ) -> Stress:
-    """Line on the error of a quantity of a nominal run, with its status and its audit."""
+    """Line of `sepmc stress` on the error of a quantity of a nominal run, with the status of the
+    run and its audit columns beyond their bounds."""
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 
 def relative(values: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float:
-    """Largest difference of two arrays, relative to the largest expected value or to ``size`` if
-    that is larger; NaN if there is one, or if a run has no rows."""
+    """Largest difference between two arrays, relative to the largest magnitude of ``expected``, or
+    to ``size`` if that is larger; NaN if a value is NaN, or if ``values`` is empty."""
     measured, references = np.asarray(values, float), np.asarray(expected, float)
     if not measured.size:
         return math.nan
@@ -119,8 +125,8 @@ def relative(values: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float
 
 
 def _flag(line: Stress) -> str:
-    """Text of the flag: the status if it is not ok, else the first audit column beyond its bound
-    and the number of others, else ok."""
+    """Text of the column "flag": the status if it is not ok; else the first audit column beyond its
+    bound and the number of others, such as "energy_residual +1"; else "ok"."""
     if line.status != Status.OK.label:
         return line.status
     return (
@@ -131,13 +137,13 @@ def _flag(line: Stress) -> str:
 
 
 def counts(lines: Sequence[Stress]) -> tuple[int, int]:
-    """Number of accurate and of flagged lines."""
+    """Number of accurate lines, and of flagged lines."""
     verdicts = [line.verdict for line in lines]
     return verdicts.count(ACCURATE), verdicts.count(FLAGGED)
 
 
 def table(lines: Sequence[Stress]) -> str:
-    """Lines as plain text of at most 140 columns, with a count."""
+    """Table of all lines as plain text at most 140 columns wide, ended by `_summary`."""
     rows = [("input", "quantity", "reason of bound", "flag", "error", "bound", "verdict")]
     for x in lines:
         text = (x.input, x.quantity, x.bound.reason, _flag(x))
@@ -153,15 +159,15 @@ def table(lines: Sequence[Stress]) -> str:
 
 
 def _summary(lines: Sequence[Stress]) -> str:
-    """Number of lines by verdict, and of those that fail."""
+    """Text with the number of lines, of each verdict, and of lines that fail."""
     verdicts = [line.verdict for line in lines]
     by_verdict = ", ".join(f"{verdicts.count(v)} {v}" for v in (ACCURATE, FLAGGED, SILENT))
     return f"{len(lines)} lines: {by_verdict}; {sum(not line.passes for line in lines)} fail"
 
 
 def brief(groups: Mapping[str, Sequence[Stress]]) -> str:
-    """A row for each stress: its lines by verdict, the accurate one nearest to its bound, and the
-    flags."""
+    """Table with one row for each stress, as plain text: its number of lines by verdict, error and
+    bound of its accurate line nearest to the bound, and its flags. It is ended by `_summary`."""
     text = [
         f"{'stress':22s}{'lines':>6s}{ACCURATE:>10s}{FLAGGED:>9s}{SILENT:>8s}"
         f"{'error':>10s}{'bound':>10s}   flags"

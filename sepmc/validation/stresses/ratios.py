@@ -1,4 +1,5 @@
-"""Large ratios of masses, inertias and lever arms; coinciding points; nearly singular inertias."""
+"""Stresses of large ratios of masses, inertias and lever arms, of coinciding points, and of nearly
+singular inertias."""
 
 import math
 
@@ -24,7 +25,7 @@ RATIOS = (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 
 
 def _scaled(table: dict, mass: float, inertia: float) -> dict:
-    """Table of a body with its mass and inertia multiplied by factors."""
+    """Table of a body with its mass and its inertia multiplied by two factors."""
     scaled = {
         key: [inertia * x for x in table[key]]
         for key in ("inertia_kg_m2", "inertia_products_kg_m2")
@@ -33,10 +34,10 @@ def _scaled(table: dict, mass: float, inertia: float) -> dict:
 
 
 def masses() -> list[Stress]:
-    """Stress: a weld between bodies of mass ratio 1e-9 to 1e9 and equal sizes; all entries of its
-    matrix scale with the lighter one.
+    """Lines of `sepmc stress` on a weld between bodies of mass ratio 1e-9 to 1e9 and similar sizes;
+    all entries of its constraint matrix scale with the lighter body.
 
-    The force is compared at the lighter body: the position of the heavier one in the composite is a
+    The force is compared on the lighter body: the position of the heavier one in the composite is a
     difference that loses all digits.
     """
     lines = []
@@ -56,8 +57,8 @@ def masses() -> list[Stress]:
 
 
 def light_link() -> list[Stress]:
-    """Stress: a light body welded between two heavy ones: the condition number of the matrix is the
-    ratio of masses."""
+    """Lines of `sepmc stress` on a light body welded between two heavy ones: the condition number
+    of the constraint matrix is the ratio of masses."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         light = _scaled(body(1.0, [1.0, 2.0, 2.2], [2.0, 0.0, 0.0]), ratio, ratio)
@@ -82,8 +83,8 @@ def light_link() -> list[Stress]:
 
 
 def inertias() -> list[Stress]:
-    """Stress: very different inertias with similar masses: a lever arm over a small inertia makes
-    the matrix of the weld ill-conditioned."""
+    """Lines of `sepmc stress` on a weld between bodies of similar masses and very different
+    inertias: a lever arm over a small inertia makes the constraint matrix ill-conditioned."""
     lines = []
     for ratio in RATIOS:
         bound = conditioned(max(1.0, 1.0 / ratio))
@@ -95,8 +96,8 @@ def inertias() -> list[Stress]:
 
 
 def needles() -> list[Stress]:
-    """Stress: a free symmetric needle with moments that differ by up to 1e12: the rate about its
-    axis is constant, the others rotate about it."""
+    """Lines of `sepmc stress` on a free symmetric needle whose moments of inertia differ by up to
+    1e12: the rate about its axis is constant, and the vector of the other two rotates about it."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         needle = body(1.0, [0.7 * ratio, 0.7, 0.7], [1.0, 0.0, 0.0])
@@ -116,8 +117,9 @@ def needles() -> list[Stress]:
 
 
 def nearly_singular() -> list[Stress]:
-    """Stress: a thin rod along (1, 2, 3): its inertia is full and nearly singular, with round-off
-    larger than the minimum moment."""
+    """Lines of `sepmc stress` on a thin free rod along (1, 2, 3), whose inertia tensor is full and
+    nearly singular, with round-off up to the size of its minimum moment: rate about its axis, and
+    angular momentum."""
     n = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
     lines = []
     for minimum in (1e-3, 1e-6, 1e-9, 1e-12, 1e-15):
@@ -143,8 +145,8 @@ def nearly_singular() -> list[Stress]:
 
 
 def arms() -> list[Stress]:
-    """Stress: a weld whose point is up to 1 km from both mass centres, or at one or both of
-    them."""
+    """Lines of `sepmc stress` on the rate and force of a weld at a point 0 to 1 km from both mass
+    centres, and on joints of four kinds at both mass centres, whose force is zero."""
     lines = []
     for length in (0.0, 1e-6, 1.0, 30.0, 1e3):
         fore, aft = FORE | {"cg_m": [0.0, 0.0, 0.0]}, AFT | {"cg_m": [2.0 * length, 0.0, 0.0]}
@@ -192,8 +194,8 @@ def arms() -> list[Stress]:
 
 
 def long_pendulum() -> list[Stress]:
-    """Stress: a small body on a ball joint to the ground 1 km away, released at 60 deg: a plane
-    pendulum."""
+    """Lines of `sepmc stress` on a small body on a ball joint to the ground, 1 m and 1 km away,
+    released at 60 deg from the vertical: a plane pendulum."""
     lines = []
     for length in (1.0, 1e3):
         bob = body(2.0, [0.02, 0.03, 0.03], [length, 0.0, 0.0])

@@ -1,5 +1,5 @@
-"""Redundant or nearly redundant joints: welds in a loop, a closed four-bar, two balls on one
-line."""
+"""Stresses of redundant or nearly redundant joints: double welds, a loop of welds, a closed
+four-bar, two balls or two hinges, short rods."""
 
 import math
 from typing import Any
@@ -45,7 +45,7 @@ CONSTRAINED = {
 
 
 def _axes(data: Any) -> Array:
-    """Axes of a joint (3, 3), rows, in body axes."""
+    """Axes of a joint of the scene as rows (3, 3), in the body axes of its first body."""
     x = np.asarray(data.x_axis) / np.linalg.norm(data.x_axis)
     y = np.asarray(data.y_axis) - x * (x @ np.asarray(data.y_axis))
     y /= np.linalg.norm(y)
@@ -53,8 +53,8 @@ def _axes(data: Any) -> Array:
 
 
 def jacobian(run: NominalRun) -> Array:
-    """Constraint rows (m, 6 n) of all joints at the start, on the velocities and rates of all n
-    bodies, in body axes; in the engine's order."""
+    """Constraint rows (m, 6 n) of all joints at the start, in the engine's order: coefficients of
+    the velocities and rates of the n bodies, in body axes."""
     names, rows = list(run.scene.body), []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
@@ -74,8 +74,8 @@ def jacobian(run: NominalRun) -> Array:
 
 
 def multipliers(run: NominalRun) -> Array:
-    """Components (m,) of the engine's joint forces, N, and moments, N m, at the start, along the
-    rows of `jacobian`."""
+    """Forces, N, and moments, N m, of the engine's joints at the start, as components (m,) along
+    the rows of `jacobian`."""
     components = []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
@@ -91,12 +91,14 @@ def multipliers(run: NominalRun) -> Array:
 
 
 def minimum_norm(run: NominalRun, load: Array) -> Array:
-    """Minimum-norm multipliers that put a load (n 6,) on the bodies, by numpy's pseudo-inverse."""
+    """Multipliers (m,) of minimum norm whose constraint forces and moments on the n bodies are
+    ``load`` (6 n,), by numpy's pseudo-inverse."""
     return np.linalg.pinv(jacobian(run).T, rcond=1e-10) @ load
 
 
 def _same_motion(label: str, run: NominalRun, without: NominalRun, bound: Bound) -> list[Stress]:
-    """Rates and positions of all bodies against those without the redundant joint."""
+    """Lines of `sepmc stress` on rates and positions of all bodies in ``run`` against ``without``,
+    a run without the redundant joint."""
     with_joint, without_joint = ([f.body(name) for name in f.scene.body] for f in (run, without))
     rates = relative([track.w for track in with_joint], [track.w for track in without_joint])
     positions = relative([track.x for track in with_joint], [track.x for track in without_joint])
@@ -109,8 +111,9 @@ def _same_motion(label: str, run: NominalRun, without: NominalRun, bound: Bound)
 def _reactions(
     label: str, run: NominalRun, without: NominalRun, rows: int, bound: Bound
 ) -> list[Stress]:
-    """Reactions against those of minimum norm for the load of the run without the redundant joint;
-    and the number of redundant rows."""
+    """Two lines of `sepmc stress` on a run with a redundant joint: its reactions against those of
+    minimum norm that put the same load on the bodies as in ``without``, a run without that joint;
+    its number of redundant rows against ``rows``."""
     expected = minimum_norm(run, jacobian(without).T @ multipliers(without))
     error = relative(multipliers(run), expected)
     count = abs(run.outcomes["redundant_rows"] - rows)
@@ -121,8 +124,8 @@ def _reactions(
 
 
 def welds() -> list[Stress]:
-    """Stress: two fixed joints between the same bodies, from 1 m to 1e-12 m apart: one weld, with
-    all rows of one of them redundant."""
+    """Lines of `sepmc stress` on two fixed joints between the same bodies, from 1 m to 0 m apart:
+    they act as one weld, with all six rows of one of them redundant."""
     lines, reference = [], simulate(pair("fixed"))
     for distance in (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0):
         tree = pair("fixed")
@@ -148,7 +151,8 @@ def welds() -> list[Stress]:
 
 
 def triangle() -> list[Stress]:
-    """Stress: three bodies in a loop of three welds, of which two would do."""
+    """Lines of `sepmc stress` on three bodies in a loop of three welds, of which two would
+    suffice."""
     third = body(2.1, [0.8, 1.5, 1.2], [2.0, 1.5, 0.06], [0.0, -0.1, 0.15])
     joints = {
         "ab": joint("fore", "aft", [2.0, 0.1, 0.0]),
@@ -173,8 +177,8 @@ def triangle() -> list[Stress]:
 
 
 def _bars(last: str) -> Tree:
-    """Four bars in a plane closed by four hinges along z, turned by a load; the last joint may
-    constrain less."""
+    """Tree of four bars in a plane, closed by four hinges along z and turned by a load; ``last`` is
+    the kind of the fourth joint."""
     corners = [[0.0, 0.0, 0.0], [2.0, 0.3, 0.0], [2.4, 1.6, 0.0], [0.2, 1.1, 0.0]]
     names = ["bar1", "bar2", "bar3", "bar4"]
     bodies, joints = {}, {}
@@ -192,15 +196,15 @@ def _bars(last: str) -> Tree:
 
 
 def four_bar() -> list[Stress]:
-    """Stress: a plane four-bar of hinges in space: the last needs only two translations; three of
-    its rows are redundant."""
+    """Lines of `sepmc stress` on a plane four-bar with a hinge at each corner: the last one needs
+    only two translations, so three of its rows are redundant."""
     run, without = simulate(_bars("revolute")), simulate(_bars("point-on-line"))
     lines = _same_motion("closed four-bar of hinges", run, without, FORM)
     return lines + _reactions("closed four-bar of hinges", run, without, 3, FORM)
 
 
 def _run_unless_refused(tree: Tree) -> NominalRun | None:
-    """Run of a scene, or None if it is refused."""
+    """Run of a scene, or None if it is refused with a SceneError."""
     try:
         return simulate(tree)
     except SceneError:
@@ -208,11 +212,11 @@ def _run_unless_refused(tree: Tree) -> NominalRun | None:
 
 
 def two_balls() -> list[Stress]:
-    """Stress: two ball joints 1 m to 1e-12 m apart are a hinge about the line between them, with
-    one redundant row.
+    """Lines of `sepmc stress` on two ball joints 1 m to 1e-12 m apart, which act as a hinge about
+    the line between them, with one redundant row.
 
-    The lever arms of the hinge are of their distance: the matrix has the condition number of its
-    square.
+    The lever arms of that hinge are as short as the distance, so the condition number of the
+    constraint matrix is the inverse of its square.
     """
     lines = []
     hinge = pair("revolute")
@@ -249,8 +253,8 @@ def two_balls() -> list[Stress]:
 
 
 def near_parallel() -> list[Stress]:
-    """Stress: two hinges at one point with axes 1 to 1e-12 rad apart constrain all three rotations,
-    the third one weakly: a weld."""
+    """Lines of `sepmc stress` on two hinges at one point with axes 1 to 1e-12 rad apart: they
+    constrain all three rotations, the third one weakly, so they act as a weld."""
     lines, reference = [], simulate(pair("fixed"))
     for angle in (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
         tree = pair("revolute")
@@ -269,8 +273,8 @@ def near_parallel() -> list[Stress]:
 
 
 def short_rods() -> list[Stress]:
-    """Stress: a rod of 1 m to 1e-9 m between two turning bodies; without length it is refused, or
-    flagged in the run."""
+    """Lines of `sepmc stress` on a rod of 1 m to 1e-12 m between two turning bodies: error of its
+    length, and energy. Rods of 1 mm and more must be accurate."""
     lines = []
     for length in (1.0, 1e-3, 1e-6, 1e-9, 1e-12):
         tree = pair("rod", step=0.01)

@@ -1,4 +1,5 @@
-"""Scenes of the stresses, as trees of campaign files, and their runs."""
+"""Scenes of the stresses, as trees: the nested tables of a campaign file, with keys and units as
+there."""
 
 import copy
 from typing import Any
@@ -22,7 +23,8 @@ def body(
     products: list[float] | None = None,
     **other_tables: Any,
 ) -> Tree:
-    """Table of a body: kg, kg m2, layout point in m."""
+    """Table of a body: mass, kg, moments and products of inertia, kg m2, mass centre as a layout
+    point, m; ``other_tables`` as in a file."""
     return {
         "mass_kg": mass,
         "inertia_kg_m2": inertia,
@@ -33,7 +35,8 @@ def body(
 
 
 def joint(first: str, second: str, point: list[float], **other_tables: Any) -> Tree:
-    """Table of a joint: bodies, layout point in m."""
+    """Table of a joint between two bodies at a layout point, m; ``other_tables`` has further keys,
+    as in a file."""
     return {"bodies": [first, second], "point_m": point, **other_tables}
 
 
@@ -46,8 +49,9 @@ def scene(
     omega: list[float] | None = None,
     **other_tables: Any,
 ) -> Tree:
-    """Scene of bodies in empty space that start at rest or turning, rad/s; other tables as in a
-    file."""
+    """Tree of a scene of bodies in empty space, at rest or with the rates ``omega``, rad/s; end
+    time and step in s. ``other_tables`` has further tables, as in a file; keys in them replace the
+    ones here."""
     tree: Tree = {
         "environment": dict(SPACE),
         "body": bodies,
@@ -66,24 +70,25 @@ def scene(
 
 
 def phase_of(**kinds: str) -> list[Tree]:
-    """One phase with these kinds of joints."""
+    """List of one phase without an end, with the kind of each joint by its name."""
     return [{"name": "held", "joints": kinds}]
 
 
 def make(tree: Tree) -> Campaign:
-    """Campaign of a tree, which is not changed."""
+    """Campaign of a scene; the tree stays as it is."""
     return Campaign(parse_campaign(copy.deepcopy(tree), "stress", None))
 
 
 def without_step(tree: Tree) -> Tree:
-    """The same scene without a given step: it runs in steps converged to an accuracy of 1e-9."""
+    """Copy of a tree without ``solver.step_s``, so that its steps are converged to an accuracy of
+    1e-9."""
     return tree | {
         "solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}
     }
 
 
 def simulate(tree: Tree, rows: int = 20) -> NominalRun:
-    """Nominal run with about ``rows`` rows of history."""
+    """Nominal run of a scene, with about ``rows`` rows of history, evenly spaced."""
     campaign = make(tree)
     return NominalRun(campaign, campaign.scene.run.end_time / rows)
 
@@ -102,8 +107,8 @@ def pair(
     aft: Tree = AFT,
     **other_tables: Any,
 ) -> Tree:
-    """Scene of two bodies turning in empty space, connected by one joint of a kind; end and step in
-    s."""
+    """Tree of two bodies, ``fore`` and ``aft``, turning in empty space, connected to the end by the
+    joint ``link`` of a kind; end time and step in s."""
     tables = {"omega": OMEGA, **other_tables}
     return scene(
         {"fore": fore, "aft": aft},
@@ -123,9 +128,12 @@ def pushed(
     spring: Tree | None = None,
     **until: Any,
 ) -> Tree:
-    """Scene of 3 kg and 1 kg on a slider (or another kind of joint) without offset, pushed apart
-    with 1.5 N, at a relative acceleration of 2 m/s2. The joint ends at a stroke, m, or at a
-    condition in ``until``; ``spring`` has other keys of the pusher."""
+    """Tree of bodies ``fore`` (3 kg) and ``aft`` (1 kg) on the joint ``link`` of a kind, pushed
+    apart along its x axis through both mass centres with 1.5 N: a relative acceleration of 2 m/s2.
+
+    The joint is released at a stroke, m, or at a condition in ``until``. ``spring`` has other keys
+    of the spring that pushes; end time and step in s.
+    """
     push = {
         "name": "push",
         "bodies": ["fore", "aft"],
@@ -153,8 +161,12 @@ def pushed(
 
 
 class Composite:
-    """All bodies of a run welded together: rates, attitude, and the wrench on one of them, in
-    closed form."""
+    """Closed form of a run whose bodies are all welded together, and the errors of the run.
+
+    ``rate`` (n, 3), rad/s, and ``attitude`` (n, 3, 3) are those of the composite body; ``force``,
+    N, and ``moment``, N m, (n, 3), body axes, act on the body ``second`` at the layout point
+    ``point``.
+    """
 
     def __init__(self, run: NominalRun, second: str, point: list[float]):
         scene_, self.run, self.second = run.scene, run, second
@@ -171,11 +183,11 @@ class Composite:
         )
 
     def rate_error(self, name: str | None = None) -> float:
-        """Relative error of a body's angular rates; of the second body by default."""
+        """Relative error of the angular rates of a body, by default of the second one."""
         return relative(self.run.body(name or self.second).w, self.rate)
 
     def attitude_error(self, name: str | None = None) -> float:
-        """Relative error of a body's attitude matrices; of the second body by default."""
+        """Relative error of the attitude matrices of a body, by default of the second one."""
         return relative(self.run.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:

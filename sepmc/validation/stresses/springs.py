@@ -1,4 +1,5 @@
-"""Springs up to 1e9 N/m, with steps that resolve them, and with steps that do not."""
+"""Stresses of springs up to 1e9 N/m, with steps that resolve their oscillation and steps that do
+not."""
 
 import math
 
@@ -14,8 +15,9 @@ MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
 def _sprung(
     stiffness: float, turn: float, damping: float = 0.0, roll: float = 0.0, steps: int = 100
 ) -> Tree:
-    """Scene of two bodies on a slider pushed apart with 1000 N by a spring (N/m, N s/m), rolling at
-    ``roll``, rad/s; ``steps`` steps, in each of which the spring oscillates by ``turn``, rad."""
+    """Tree of two bodies on a slider pushed apart with 1000 N by a spring (N/m, N s/m), rolling at
+    ``roll``, rad/s. It runs ``steps`` steps, in each of which the spring oscillates by ``turn``,
+    rad."""
     step = turn / math.sqrt(stiffness / MASS)
     tree = pushed(
         1.0,
@@ -29,13 +31,15 @@ def _sprung(
 
 
 def _error(run: NominalRun, stiffness: float, damping: float = 0.0) -> float:
-    """Largest error of the extension over the largest extension."""
+    """Largest error of the extension of the spring of `_sprung`, relative to its largest extension
+    or, if that is larger, to FORCE / stiffness."""
     x, _ = ref.spring_extension(run.t, MASS, FORCE, stiffness, damping)
     return relative(1e-3 * run.history["separation_distance_mm"].to_numpy(), x, FORCE / stiffness)
 
 
 def stiff() -> list[Stress]:
-    """Stress: stiffness 1 to 1e9 N/m with 0.1 rad a step, with and without damping."""
+    """Lines of `sepmc stress` on stiffnesses of 1 to 1e9 N/m with 0.1 rad of oscillation in a step,
+    with and without damping; all must be accurate."""
     lines = []
     for stiffness in (1.0, 1e3, 1e6, 1e9):
         for ratio in (0.0, 0.3):
@@ -56,8 +60,9 @@ def stiff() -> list[Stress]:
 
 
 def unresolved() -> list[Stress]:
-    """Stress: 1e9 N/m with steps that are too long, and far too long; also nearly critically
-    damped, so that the motion ends soon."""
+    """Lines of `sepmc stress` on a spring of 1e9 N/m in steps that are too long, and far too long,
+    also nearly critically damped, so that the motion ends soon. Only 0.3 rad a step must be
+    accurate."""
     lines = []
     damping = 1.8 * math.sqrt(1e9 * MASS)
     for turn in (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 6.0, 30.0, 1e3):
@@ -87,8 +92,8 @@ def unresolved() -> list[Stress]:
 
 
 def hidden() -> list[Stress]:
-    """Stress: 1e9 N/m between bodies that roll with 1e3 and 1e6 times the energy of the spring,
-    which hides an error of the spring.
+    """Lines of `sepmc stress` on a spring of 1e9 N/m between bodies that roll with 1e3 and 1e6
+    times the energy of the spring, which hides an error of the spring.
 
     Status ok promises the energy to 1e-6 of the whole, which can be all the energy of the spring.
     """

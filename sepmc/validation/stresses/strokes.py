@@ -1,4 +1,5 @@
-"""Strokes that are short, grazing, slow, exact or out of reach."""
+"""Stresses of strokes that are short, grazed, passed slowly, reached exactly at the end of a step,
+or out of reach."""
 
 import math
 
@@ -21,8 +22,9 @@ ACCELERATION = 2.0  # second rate of the gap in `pushed`, m/s2
 
 
 def located(speed: float, truncated: float = 0.0, size: float = 1.0) -> Bound:
-    """Bound on the time, s, of an event passed at a speed, m/s: the tolerance of the root, plus
-    (round-off of positions of ``size``, m, and truncation, m) / speed."""
+    """Bound on the error of the time, s, of an event that is passed at a speed, m/s: the tolerance
+    of the root, plus (round-off of positions of ``size``, m, plus the error ``truncated``, m) over
+    the speed."""
     return Bound(
         ROOT + (50.0 * EPS * size + truncated) / speed,
         "1e-13 s, round-off / speed" if truncated == 0.0 else "truncation z^9/9! / speed",
@@ -30,13 +32,14 @@ def located(speed: float, truncated: float = 0.0, size: float = 1.0) -> Bound:
 
 
 def truncation(z: float) -> float:
-    """Relative truncation of an oscillation by a method of order 8 in steps of z rad: the first
-    missing term of the exponential."""
+    """Relative truncation error of an oscillation by a method of order 8 in steps of z rad: the
+    first missing term of the exponential series, z^9 / 9!."""
     return z**9 / math.factorial(9)
 
 
 def strokes() -> list[Stress]:
-    """Stress: pins from 0 to 1 m long, drawn with 2 m/s2: release time and final speed."""
+    """Lines of `sepmc stress` on the release time and final speed of a slider with a stroke of 0 to
+    1 m at a relative acceleration of 2 m/s2, and on strokes that are never reached."""
     lines = []
     for stroke in (0.0, 1e-15, 1e-12, 1.001e-12, 1e-11, 1e-9, 1e-6, 1e-3, 0.25):
         time, speed = math.sqrt(2.0 * stroke / ACCELERATION), math.sqrt(2.0 * ACCELERATION * stroke)
@@ -88,8 +91,9 @@ TOP = 0.1  # m
 def _oscillator(
     stroke: float, end: float = 0.9, step: float = 0.05, where: str = "stroke_m"
 ) -> Tree:
-    """`pushed` by a spring that oscillates the gap between 0 and TOP with a period of 1 s; released
-    at a stroke, or at 0.8 s."""
+    """Tree of `pushed` with a spring that oscillates the gap between 0 and TOP with a period of 1
+    s; the slider is released when the quantity ``where``, a key of ``until``, reaches ``stroke``,
+    m, or 0.1 s before the end time. Times in s."""
     mass = ref.reduced_mass(3.0, 1.0)
     spring = {"force_N": 0.5 * mass * FREQUENCY**2 * TOP, "stiffness_N_per_m": mass * FREQUENCY**2}
     tree = pushed(stroke, end=end, step=step, spring=spring)
@@ -98,16 +102,16 @@ def _oscillator(
 
 
 def _lead_time(margin: float) -> float:
-    """Time before the top, s, at which the gap TOP (1 - cos) / 2 passes a stroke below it by a
-    fraction of TOP."""
+    """Time, s, from the instant at which the gap TOP (1 - cos) / 2 reaches TOP (1 - margin) to that
+    at which it reaches TOP; 0 for a negative margin."""
     return 2.0 * math.asin(math.sqrt(max(margin, 0.0))) / FREQUENCY
 
 
 def grazing() -> list[Stress]:
-    """Stress: a stroke just reached, and just missed, at the top of an oscillation: in converged
-    steps, and between two steps of 0.05 to 0.3 s.
+    """Lines of `sepmc stress` on the release time at a stroke just reached, or just missed, at the
+    top of an oscillation: in converged steps, and between the ends of given steps of 0.05 to 0.3 s.
 
-    Where the margin is less than the tolerance of a condition, or than the truncation, either
+    Where the margin is less than the tolerance of a condition, or than the truncation error, either
     answer is right. With a given step, a kernel may miss a condition that is nearly reached within
     a step.
     """
@@ -120,7 +124,7 @@ def grazing() -> list[Stress]:
         error = abs(run.outcomes["release_time_s"] - (0.5 - lead_time if margin > 0.0 else 0.8))
         lines.append(
             judge(
-                f"stroke {margin:+.0e} below top, settled",
+                f"stroke {margin:+.0e} below top, converged",
                 "release, s",
                 error,
                 REQUESTED,
@@ -168,8 +172,8 @@ def grazing() -> list[Stress]:
 
 
 def slow() -> list[Stress]:
-    """Stress: a stroke of 1 mm passed slowly, far from the mass centre: positions are known to
-    round-off, and so is the time."""
+    """Lines of `sepmc stress` on the release time at a stroke of 1 mm that is passed slowly, far
+    from the mass centres: positions are known to round-off, and so is the time."""
     lines = []
     for force, station in (
         (1e-2, 2.0),
@@ -208,8 +212,9 @@ def slow() -> list[Stress]:
 
 
 def spent_springs() -> list[Stress]:
-    """Stress: a spring whose own stroke ends just below, or just above, the top of the swing: it is
-    spent, or pulls the bodies back."""
+    """Lines of `sepmc stress` on the gap at the end with a spring whose own stroke ends just below
+    the top of the oscillation, so that its force ends, or just above it, so that it pulls the
+    bodies back."""
     lines = []
     for margin in (1e-3, 1e-6, 1e-9, -1e-9, -1e-6, -1e-3):
         tree = _oscillator(2.0 * TOP)
@@ -233,7 +238,7 @@ def spent_springs() -> list[Stress]:
                 Bound(FORM.value * TOP, FORM.reason),
             )
         runs = [("", tree, bound, abs(margin) >= 1e-3)]
-        runs += [(", settled", without_step(tree), REQUESTED, True)] if abs(margin) >= 1e-6 else []
+        runs += [(", conv.", without_step(tree), REQUESTED, True)] if abs(margin) >= 1e-6 else []
         for suffix, tree_of_run, allowed, fair in runs:
             run = simulate(tree_of_run)
             error = abs(1e-3 * run.outcomes["separation_distance_mm"] - gap)

@@ -1,4 +1,4 @@
-"""Fast spins, steps of every length, and angles beyond half a turn."""
+"""Stresses of fast rotation, of steps of every length, and of angles beyond half a turn."""
 
 import math
 
@@ -39,8 +39,8 @@ def _tumbling(deg_s: float, step: float, steps: int) -> NominalRun:
 
 
 def resolved_spins() -> list[Stress]:
-    """Stress: 0 to 1e5 deg/s with steps of a tenth of a radian, or the default step where that is
-    shorter: 200 steps."""
+    """Lines of `sepmc stress` on a weld tumbling at 0 to 1e5 deg/s for 200 steps of a tenth of a
+    radian, or of 0.05 s where that is shorter: rates and attitude, which must be accurate."""
     lines = []
     for deg_s in (0.0, 1e-6, 1e-3, 1.0, 1e2, 1e3, 1e4, 1e5):
         run = _tumbling(deg_s, min(0.05, 0.1 / max(math.radians(deg_s), 1e-9)), 200)
@@ -55,8 +55,9 @@ def resolved_spins() -> list[Stress]:
 
 
 def long_steps() -> list[Stress]:
-    """Stress: steps of 0.05 s in which the vehicle turns by up to 87 rad: wrong, so it must be
-    flagged unless the promise of status ok is kept."""
+    """Lines of `sepmc stress` on the attitude in steps of 0.05 s in which the bodies turn by up to
+    87 rad: each must be flagged, unless its error is within the bound that status ok promises
+    (`promised`)."""
     lines = []
     for turn in (0.2, 0.5, 0.8, 1.1, 1.2, 1.3, 1.4, 1.5, 2.0, 4.0, 8.0, 20.0, 87.3):
         run = _tumbling(math.degrees(turn / 0.05), 0.05, 100)
@@ -91,7 +92,8 @@ def long_steps() -> list[Stress]:
 
 
 def step_lengths() -> list[Stress]:
-    """Stress: a weld tumbling at 1.2 rad/s with steps from 1 us to 1 s."""
+    """Lines of `sepmc stress` on attitude and force of a weld tumbling at 1.2 rad/s in steps from 1
+    us to 1 s; up to 0.1 s they must be accurate."""
     lines = []
     for step in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0):
         steps = 10_000 if step < 1e-3 else max(20, round(1.0 / step))
@@ -109,7 +111,8 @@ def step_lengths() -> list[Stress]:
 
 
 def hinged_steps() -> list[Stress]:
-    """Stress: a pendulum with steps up to a third of its period, against elliptic functions."""
+    """Lines of `sepmc stress` on rate and pitch of a pendulum in steps from 1 ms to 1 s, a quarter
+    of its period, against elliptic functions; up to 10 ms they must be accurate."""
     lines = []
     for step in (1e-3, 1e-2, 0.1, 0.3, 1.0):
         bob = AFT | {"cg_m": [1.0, 0.0, 0.0]}
@@ -153,7 +156,8 @@ def hinged_steps() -> list[Stress]:
 def _judge_angles(
     label: str, error: float, bound: Bound, run: NominalRun, resolved: bool = False
 ) -> Stress:
-    """Line on angles: as `judge`, with ``attitude_singular`` as a flag of possible jumps."""
+    """Line of `sepmc stress` on angles of the history, as `judge` makes it; ``attitude_singular`` =
+    1 counts as a flag too, as the angles may have jumped."""
     flags = beyond(run.outcomes) + (
         ("attitude_singular",) if run.outcomes["attitude_singular"] == 1.0 else ()
     )
@@ -161,8 +165,9 @@ def _judge_angles(
 
 
 def angles() -> list[Stress]:
-    """Stress: pitch and roll are continuous through +-90 deg, half a turn and many turns; through
-    yaw = 90 deg they jump, and that is flagged."""
+    """Lines of `sepmc stress` on the angles of a steadily turning body: pitch and roll are
+    continuous through 90 deg, half a turn and many turns; through yaw = 90 deg they jump, which
+    must be flagged."""
     lines = []
     round_stone = {"stone": body(1.0, [2.0, 2.0, 2.0], [1.0, 0.0, 0.0])}
     for name, axis, rate in (
@@ -209,8 +214,8 @@ def angles() -> list[Stress]:
 
 
 def angles_at_long_steps() -> list[Stress]:
-    """Stress: random tumbling at up to a quarter turn a step: pitch and roll as with a step of 5
-    ms, or flagged."""
+    """Lines of `sepmc stress` on pitch and roll, deg, of random tumbling at 0.1 to 1.3 rad in a
+    step of 0.05 s: as in steps of 5 ms to 1 deg, or flagged."""
     lines = []
     random = np.random.default_rng(1)
     for number in range(12):
