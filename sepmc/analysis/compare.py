@@ -263,7 +263,8 @@ def _mean_difference(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float,
 def _proportion_difference(
     a: np.ndarray, b: np.ndarray, paired: bool
 ) -> tuple[float, float, float]:
-    """Return the proportion of ones in ``b`` minus that in ``a`` and both ends of its 95 % interval.
+    """Return the proportion of ones in ``b`` minus that in ``a``, and both ends of the 95 %
+    interval.
 
     ``a`` and ``b`` are zeros and ones of two runs; if ``paired``, equal indices are a pair. All
     three results are NaN if either is empty.

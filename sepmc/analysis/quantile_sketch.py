@@ -174,8 +174,8 @@ class _Grid:
 
     @classmethod
     def restored(cls, numbers: np.ndarray, arrays: Arrays) -> "_Grid":
-        """Return a grid from the arrays of its `state`: ``numbers`` is the first of them, ``arrays``
-        yields the others."""
+        """Return a grid from the arrays of its `state`: ``numbers`` is the first of them, and
+        ``arrays`` yields the others."""
         grid = cls(np.zeros(1))
         set_scalars(grid, numbers)
         grid.infinite = [int(count) for count in next(arrays).tolist()]
