@@ -118,7 +118,8 @@ def is_constant(table: pd.DataFrame, name: str) -> bool:
 
 
 def max_spread(table: pd.DataFrame, name: str) -> float:
-    """Return the largest difference between values of a constant outcome.
+    """Return the largest difference that values of a constant outcome can have: twice its numerical
+    error.
 
     Parameters
     ----------

@@ -34,7 +34,8 @@ _CHANCE = 1e-3  # probability of any false attribution
 
 @dataclass(frozen=True)
 class Attribution:
-    """An input, or a pair of inputs, that distinguishes violating cases, and the region of most.
+    """An input, or a pair of inputs, that distinguishes violating cases from the rest, and the
+    region of its values that does so most.
 
     Parameters
     ----------

@@ -125,11 +125,11 @@ class Moments:
         )
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         set_scalars(self, next(arrays))
 
     def row(self) -> dict[str, float]:

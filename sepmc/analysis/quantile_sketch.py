@@ -46,11 +46,11 @@ class QuantileSketch:
         self.restore(iter(state))
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [self._buffer[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         buffered = next(arrays)
         self._buffer[: len(buffered)], self._filled = buffered, len(buffered)
         grid_state = next(arrays)

@@ -111,11 +111,11 @@ class RequirementCounter:
         self._near = near
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [scalars(self), np.array(self.worst), self._near]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)
@@ -387,7 +387,7 @@ def no_verdict_reason(audit_failed: bool, sampler: str) -> str:
     """Return the reason why the cases of a run allow no verdict on any requirement; an empty string
     if they allow verdicts. ``sampler`` is the value of ``run.sampler``."""
     if audit_failed:
-        return "the audit failed"
+        return "the audit failed: some ok cases are beyond the bound of an audit column"
     if sampler != "random":
         return (
             f"cases of run.sampler = {sampler!r} are not independent, so no confidence "

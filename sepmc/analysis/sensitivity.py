@@ -253,7 +253,7 @@ def _by_saltelli(
     _set_index(table, "first", *first[:, varied])
     _set_index(table, "total", *total[:, varied])
     n_left_out = groups.left_out
-    note = f"indices are of complete groups of cases: {n_left_out} groups are left out"
+    note = f"indices are of complete groups of cases only: {n_left_out} groups are left out"
     return note if n_left_out else ""
 
 

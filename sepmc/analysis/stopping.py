@@ -24,7 +24,10 @@ from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 from sepmc.wording import option
 
-_FORMAT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
+_FORMAT = (
+    "METRIC:TOLERANCE or METRIC.STATISTIC:TOLERANCE with a tolerance above 0, as "
+    "separation_speed_m_s:0.01, upper_pitch_deg.p99:0.1 or upper_pitch_deg:1%"
+)
 # Cases before the first look; for a mean or a sigma enough to contain an event of 0.2 % probability
 # with 98 %, even if no file gives that probability
 _FIRST_LOOK, _FIRST_LOOK_OF_MOMENTS = 256, 2048

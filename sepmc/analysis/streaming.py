@@ -128,7 +128,7 @@ class _BlockCounters:
         return [*(np.array(one, dtype=float) for one in own), *tallied]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         self.by_code[:] = next(arrays)
         for _ in range(int(next(arrays)[0])):
             label, *numbers = next(arrays).astype(np.int64).tolist()
@@ -168,8 +168,8 @@ class PartialStatistics:
 class StreamingStatistics:
     """Statistics, audit and histograms of cases added chunk by chunk, without a stored case table.
 
-    It has the methods of `sepmc.analysis.row_statistics.TableStatistics`; percentiles are exact for
-    the first `EXACT_VALUES` cases only.
+    It has the methods of `sepmc.analysis.row_statistics.TableStatistics`; percentiles are exact up
+    to 65,536 values, and those of a `QuantileSketch` for more.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ class StreamingStatistics:
                 self._flush()
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         filled = slice(0, self._filled)
         buffered = self._numbers[filled], self._codes[filled], self._buffer[:, filled].ravel()
         arrays = [array for one in self._accumulators for array in one.state()]

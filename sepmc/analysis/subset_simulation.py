@@ -100,7 +100,8 @@ class Level:
     Parameters
     ----------
     threshold : float
-        Margin at or below which a case reaches the level; at the last level 0, and cases below it.
+        A case reaches the level if its margin is at most this; the last level has the threshold 0,
+        and the margin must be negative.
     probability : float
         Estimated probability to reach this level for a case that reaches the level before; NaN if
         none does.

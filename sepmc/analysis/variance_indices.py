@@ -61,7 +61,8 @@ _LAG_LIMITS, _LAGS_PER_ROOT = (4, 64), 0.5  # limits of the largest lag; lag ove
 
 
 def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return the first-order index of an input of many values, and half of its 95 % interval.
+    """Return the first-order index of an input of many values, and the half-width of its 95 %
+    interval.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Return the first-order index of an input ``x`` (n,) of few values for an outcome ``y`` (n,),
-    and half of its 95 % interval.
+    and the half-width of its 95 % interval.
 
     The index is epsilon squared: the fraction of variance between the groups of cases of equal
     input, corrected for chance (Kelley, PNAS 21, 1935).
@@ -193,7 +194,7 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
 
 def saltelli_indices(groups: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
     """Return the first-order and the total indices of a Saltelli design, each as an array
-    (2, inputs): index, and half of its 95 % interval.
+    (2, inputs): index, and the half-width of its 95 % interval.
 
     Equations b and f of Saltelli et al., Computer Physics Communications 181, 2010. The interval is
     Student's, from the independently scrambled sequences. The groups of one sequence are dependent,
@@ -269,8 +270,8 @@ def _neighbour_mean(y: np.ndarray, max_lag: int) -> np.ndarray:
 
 
 def _half_width(influence: np.ndarray, excess: float, added: float) -> float:
-    """Return half of the 95 % interval of an index from the ``influence`` (n,) of each case on it,
-    whose variance over n is the variance of the index.
+    """Return the half-width of the 95 % interval of an index from the ``influence`` (n,) of each
+    case on it: its variance, divided by n, is the variance of the index.
 
     ``excess`` is subtracted from the variance of the influence, and ``added`` is added to that of
     the index. Degrees of freedom follow from the kurtosis (Satterthwaite, Biometrics 2, 1946).

@@ -1,4 +1,8 @@
-"""Animation of one case: the separating bodies in side view and top view."""
+"""Animation of one case: the separating bodies in side view and top view.
+
+Layout points are points of the vehicle as a scene gives them: station (measured aft), y (up) and z
+(right), m.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -101,8 +105,8 @@ def _rows(history: pd.DataFrame) -> list[int]:
 
 
 class _Frame:
-    """Positions, attitudes and constraint forces of a case at one instant, which it can draw: that
-    of the row with index ``row`` of the history; ``motion`` is from `poses`."""
+    """One frame of the animation: positions, attitudes and constraint forces of a case at the row
+    with the index ``row`` of its history; ``motion`` is from `poses`."""
 
     def __init__(self, history: pd.DataFrame, motion: Poses, scene: Scene, row: int):
         self.scene, state = scene, history.iloc[row]

@@ -43,7 +43,7 @@ def replay_data(
         centre of mass, m, ``at`` (3 n), position, m, and ``turn`` (4 n), scalar-first quaternions
         from body axes to the view axes of `sepmc.report.poses.Poses`. ``arrows``, the forces of
         joints, motors, springs and loads: ``force`` (3 n), N, in view axes, at the point ``at`` of
-        the body with the index ``body``, ``until`` a time, s. ``distances``, one per clearance:
+        the body with the index ``body``, until time ``until``, s. ``distances``, one per clearance:
         ``value`` (n), mm, and ``line`` (6 n), its two nearest points, m. Arrays are flat lists;
         numbers that are not finite are None.
     """
@@ -85,7 +85,8 @@ def _significant(values: Any) -> list[float | None]:
 
 
 def _arm(point: Sequence[float], body: Body) -> list[float]:
-    """Return a layout point of a body in body axes from its centre of mass, m, rounded."""
+    """Return a layout point of a body (station measured aft, y, z, m) in body axes from its centre
+    of mass, m, rounded."""
     arm = (np.array(point) - body.cg) * [-1.0, 1.0, 1.0]
     return [float(x) for x in np.round(arm, _METRES)]
 
@@ -175,7 +176,7 @@ def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np
 
 def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
     """Return the arrows of the forces of springs, on their second bodies, and of loads; ``until``
-    is the time at which each ends to act, s, or None."""
+    is the time at which each stops acting, s, or None."""
     arrows, bodies, ends = [], list(scene.body), history.attrs["springs"]
     for spring, force in spring_forces(history, scene, motion):
         second, end = spring.bodies[1], ends.get(spring.name, np.nan)
