@@ -211,7 +211,9 @@ def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | N
     mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
     unit = "" if unit == "1" else f" {unit}"
-    difference = f"{n:.0f} values differ by at most twice their numerical error, {error:.1g}{unit}"
+    difference = (
+        f"{n:.0f} values differ by no more than twice their numerical error of {error:.1g}{unit}"
+    )
     if _extreme(name) and error > _MAX_RELATIVE_ERROR * abs(mean):
         return f"undetermined, as its extreme is flat ({difference})"
     remark = f"all {n:.0f} values are equal" if table.at[name, "sigma"] == 0.0 else difference

@@ -361,9 +361,10 @@ def render_attribution(
         verb = " together explain" if len(attribution.inputs) > 1 else " explains"
         lines.append(
             fill(
-                f"{names}{verb} {100.0 * attribution.information:.0f} % of the information, mostly "
-                f"where {region}: {attribution.inside} of the {attribution.violations} are among "
-                f"the {attribution.cases} cases there",
+                f"{names}{verb} {100.0 * attribution.information:.0f} % of the information on "
+                f"which cases these are, mostly where {region}: {attribution.inside} of the "
+                f"{attribution.violations} such cases are among the {attribution.cases} cases "
+                "there",
                 width,
                 initial_indent="  ",
                 subsequent_indent="      ",

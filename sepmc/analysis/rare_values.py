@@ -246,5 +246,5 @@ def render_undersampled(counted: Sequence[Occurrence]) -> list[str]:
     more = f", and {n_more} more values too rarely" if n_more > 0 else ""
     return [
         f"{text}{more}: statistics and intervals hardly show its effect; run more cases, or "
-        f"estimate a requirement by {option('rare')}"
+        f"estimate the probability to violate a requirement by {option('rare')}"
     ]

@@ -477,8 +477,8 @@ def _known(number: float) -> float | None:
 
 
 def _error_at(item: Requirement, errors: Errors) -> float:
-    """Return the numerical error of a requirement's outcome at its larger bound, in its unit: 0 for
-    a status or a yes-or-no outcome, NaN if the error is unknown."""
+    """Return the numerical error of a requirement's outcome at its bound (of two, the larger in
+    size), in the unit of the outcome: 0 for a status or a yes-or-no outcome, NaN if unknown."""
     bounds = [abs(bound) for bound in (item.at_least, item.at_most) if bound is not None]
     if not bounds or is_yes_or_no(item.metric):
         return 0.0

@@ -123,8 +123,8 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(
-            f"where = {text}: must be NAME=VALUE, or another of =, !=, <, <=, > and >= between "
-            "them; several of these with ' or ' between them"
+            f"where = {text}: must be NAME=VALUE, or with !=, <, <=, > or >= in place of =; "
+            "several with 'or' between them"
         )
     name, test, value = match.groups()
     names = sorted({columns[name] for name in fnmatch.filter(columns, name)})

@@ -67,7 +67,7 @@ class TableStatistics:
 
     @cached_property
     def failed(self) -> dict[str, list[int]]:
-        """Numbers of the first `MAX_NAMED` cases of each status except ok."""
+        """Case numbers of the first `MAX_NAMED` (20) cases of each status except ok, by status."""
         statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
         return {
             label: numbers[statuses == label][:MAX_NAMED].tolist()
@@ -80,11 +80,13 @@ class TableStatistics:
         reference: Mapping[str, Mapping[str, float]] | None = None,
         confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
-        """Return the table of `sepmc.analysis.statistics.statistics`."""
+        """Return the statistics of the ok cases, a row per outcome; arguments and columns are those
+        of `sepmc.analysis.statistics.statistics`."""
         return of.statistics(self.cases, self.outcomes, reference, confidence)
 
     def audit(self) -> pd.DataFrame:
-        """Return the table of `sepmc.analysis.statistics.audit`."""
+        """Return the audit of the ok cases, a row per audit column; its columns are those of
+        `sepmc.analysis.statistics.audit`."""
         return of.audit(self.cases, self.bounds, self.audits)
 
     def verdicts(

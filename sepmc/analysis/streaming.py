@@ -305,8 +305,8 @@ class StreamingStatistics:
         reference: Mapping[str, Mapping[str, float]] | None = None,
         confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
-        """Return the table of `sepmc.analysis.statistics.statistics`; percentiles are those of a
-        `QuantileSketch`."""
+        """Return the statistics of the ok cases, a row per outcome; arguments and columns are those
+        of `sepmc.analysis.statistics.statistics`. Percentiles are those of a `QuantileSketch`."""
         self._flush()
         percents = list(PERCENTILES.values())
         rows = [
@@ -318,7 +318,8 @@ class StreamingStatistics:
         return statistics_table(rows, list(self.moments), reference)
 
     def audit(self) -> pd.DataFrame:
-        """Return the table of `sepmc.analysis.statistics.audit`."""
+        """Return the audit of the ok cases, a row per audit column; its columns are those of
+        `sepmc.analysis.statistics.audit`."""
         self._flush()
         return audit_table(self.audits)
 

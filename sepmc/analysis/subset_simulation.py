@@ -296,24 +296,28 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
     warnings, low, high = [], float(estimate.known.min()), float(estimate.known.max())
     if not estimate.reached:
         threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf
-        margin = f" a margin of {threshold:.4g}" if math.isfinite(threshold) else " all cases"
+        margin = (
+            f" a margin of {threshold:.4g}"
+            if math.isfinite(threshold)
+            else " the margins of independent cases"
+        )
         warnings.append(
-            f"few of the cases that trial chains reached violate, within{margin}: more cases "
+            f"few cases violate of those that trial chains reached, down to{margin}: more cases "
             "may improve the estimate"
             if estimate.known.any()
-            else f"trial chains did not reach the bound, only{margin}: it may be out of reach, lie "
-            "at a jump of the margin, or need more cases"
+            else f"trial chains did not reach the bound, only{margin}: the bound may be out of "
+            "reach, lie at a jump of the margin, or need more cases"
         )
     if estimate.known.any() and len(estimate.levels) > 1:
         if low == 0.0 or estimate.spread > _MAX_SPREAD:
             warnings.append(
-                f"replicas disagree, from {low:.2e} to {high:.2e}: the interval may be too narrow, "
-                "as some may have missed a failure mode; allow more cases"
+                f"replicas disagree, with probabilities from {low:.2e} to {high:.2e}: the interval "
+                "may be too narrow, as some may have missed a failure mode; allow more cases"
             )
         if estimate.origins < _MIN_ORIGINS * len(estimate.known):
             warnings.append(
-                f"all violating cases descend from {estimate.origins} first cases in "
-                f"{len(estimate.known)} replicas: allow more cases"
+                f"all violating cases descend from {estimate.origins} cases of the first level in "
+                f"{len(estimate.known)} replicas, which are too few: allow more cases"
             )
     stuck = [
         f"{level.acceptance:.2f} at a margin of {level.threshold:.4g}"

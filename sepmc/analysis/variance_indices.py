@@ -173,7 +173,8 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
         changed = np.where(np.arange(len(x))[:, None] == k, last, first)
         if not (x[:, :, k + 1] == changed).all():
             raise ValueError(
-                "the inputs are not those of a Saltelli design (run.samples gives some of them)"
+                "the inputs of the cases are not those of a Saltelli design, as if run.samples "
+                "gave some of them"
             )
     whole = np.isfinite(y).all(axis=1)
     n_left_out = len(y) - int(whole.sum())
@@ -181,7 +182,7 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
     if n_left_out > MAX_LEFT_OUT * len(y):
         raise ValueError(
             f"{n_left_out} of {len(y)} groups of the Saltelli design have a case without this "
-            "outcome: the others do not represent all"
+            "outcome, which is more than 5 %: the other groups do not represent all cases"
         )
     replicates = group[whole_groups].reshape(-1, size)[whole, 0] % REPLICATES
     if len(np.unique(replicates)) < REPLICATES:
