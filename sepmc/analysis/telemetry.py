@@ -29,7 +29,7 @@ _LEAST_NOISE = 1e-3  # of a channel, in units of its scale, in the weights of it
 _WINDOW = 0.1  # of the run, to either side of the coarse scan: shifts that other cases may have
 _OVERLAP = 0.5  # least part of the shorter of run and flight that must coincide
 _MOST_LEFT_OUT = 0.05  # of the time that flight and run could share, without a note
-_GIVE_SHIFT = "give the shift, s: --shift (shift_s in Python)"
+_GIVE_SHIFT = "give the shift in s by --shift (shift_s in Python)"
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,9 @@ class FlightComparison:
         if self.left_out <= _MOST_LEFT_OUT:
             return []
         return [
-            f"this shift leaves {100.0 * self.left_out:.0f} % of what flight and run could share "
-            f"outside the run: check sign, factor and unit of the channels, or {_GIVE_SHIFT}"
+            f"this clock shift leaves {100.0 * self.left_out:.0f} % of the time that flight and run "
+            "could share outside the run: check sign, factor and unit of the channels, or "
+            f"{_GIVE_SHIFT}"
         ]
 
     def to_dict(self) -> dict[str, Any]:
