@@ -165,7 +165,7 @@ class FlightComparison:
         if self.left_out <= _MOST_LEFT_OUT:
             return []
         return [
-            f"this clock shift leaves {100.0 * self.left_out:.0f} % of the time that flight and run "
+            f"this shift leaves {100.0 * self.left_out:.0f} % of the time that flight and run "
             "could share outside the run: check sign, factor and unit of the channels, or "
             f"{_GIVE_SHIFT}"
         ]
