@@ -1,2 +1,2 @@
-"""Statistics, requirements and sensitivity from the rows of a campaign (numpy, scipy and pandas
-only)."""
+"""Analyses of the case table of a campaign (a row per case): statistics, requirements, sensitivity.
+The only libraries imported are numpy, scipy and pandas."""

@@ -1,4 +1,5 @@
-"""State of accumulators as float arrays, so that another process can load it from a file."""
+"""Conversion of accumulators, which collect statistics case by case, to float arrays and back, so
+that another process can load them from a file."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,28 +11,30 @@ _EXACT = 2.0**53  # a float holds integers exactly up to this
 
 
 def scalars(counter: Any) -> np.ndarray:
-    """Return the numeric attributes of an accumulator in their order; integers are exact up to
-    9e15."""
+    """Return the numeric attributes of an accumulator as one array (k,), in the order in which they
+    were first set; integers are exact up to 9e15."""
     return np.array(list(_scalars(counter).values()), dtype=np.float64)
 
 
 def set_scalars(counter: Any, numbers: np.ndarray) -> None:
-    """Set the numeric attributes of an accumulator to ``numbers`` that `scalars` returned.
+    """Set the numeric attributes of an accumulator to ``numbers`` (k,), which `scalars` returned.
 
     Raises
     ------
     ValueError, OverflowError
-        If the numbers do not fit the attributes.
+        If there are more or fewer numbers than attributes, or an integer attribute would become NaN
+        or larger than 9e15.
     """
     current = _scalars(counter)
     for (name, value), number in zip(current.items(), numbers.tolist(), strict=True):
         if isinstance(value, int | np.integer) and not abs(number) <= _EXACT:
-            raise ValueError(f"{name.strip('_')} = {number:g}: is not a count")
+            raise ValueError(f"{name.strip('_')} = {number:g}: must be a count of at most 9e15")
         setattr(counter, name, type(value)(number))
 
 
 def _scalars(counter: Any) -> dict[str, Any]:
-    """Return the numeric attributes of an accumulator by name."""
+    """Return the attributes of an accumulator that are numbers, by name, in the order in which they
+    were first set."""
     return {
         name: value
         for name, value in vars(counter).items()

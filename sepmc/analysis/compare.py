@@ -1,9 +1,9 @@
 """Comparison of two runs: differences of their campaign files and of their outcomes.
 
-Rows are joined by case number. Where a number means the same samples in both runs, as with one
-seed, the two rows are a pair: the mean difference of pairs is known far better than the difference
-of means (Student's t). Runs whose numbers mean different samples are compared as independent ones
-(Welch, Biometrika 34, 1947). Yes-or-no outcomes are compared as proportions.
+Rows of the two case tables are joined by case number. If a case number has the same sampled inputs
+in both runs, as with the same seed, its two rows are a pair: the mean difference of pairs is known
+far better than the difference of means (Student's t). Otherwise the runs are compared as
+independent samples (Welch, Biometrika 34, 1947). Yes-or-no outcomes are compared as proportions.
 """
 
 import math
@@ -33,21 +33,25 @@ def tree_differences(
     path: tuple[str, ...] = (),
     units: bool = False,
 ) -> list[str]:
-    """List the differences of two campaign trees.
+    """List the differences between the parsed TOML of two campaign files.
+
+    Tables of an array of tables are matched by their ``name``, and keys that differ only in their
+    unit, such as ``mass_kg`` and ``mass_g``, are matched too.
 
     Parameters
     ----------
     one, two : mapping
-        TOML trees.
+        Parsed TOML of the first and of the second file, or of a table of them.
     path : tuple of str
-        TOML path of the trees, put before the keys.
+        TOML path of that table; it begins every path returned.
     units : bool
         True to list a number given in another unit even if its value in SI agrees to 1e-12.
 
     Returns
     -------
     list of str
-        ``path: old -> new`` for each value that differs; ``-`` for an absent one.
+        ``path: old -> new`` for each value that differs, values cut to 60 characters; ``-`` stands
+        for an absent value. A matched key of another unit gives ``path: old -> new_key = new``.
     """
     sentences = []
     other_key = {_without_units(path, key): key for key in two}
@@ -68,20 +72,25 @@ def tree_differences(
 
 
 def _without_units(path: tuple[str, ...], key: str) -> tuple[str, ...]:
-    """Return the path of a key, with that of a dispersed parameter split, without units."""
+    """Return the TOML path of a key in the table at ``path``, without units; a key that is itself a
+    dotted path, as those of ``[dispersion]`` are, is split at its dots."""
     return split_units((*path, *key.split(".")))[0]
 
 
 def _factor(path: tuple[str, ...], key: str) -> float:
-    """Return the factor to SI of the unit in the name of a key, 1 without a unit; ``path`` are the
-    tables that contain the key."""
+    """Return the factor that converts the value of a key to SI, from the unit in the key's name; 1
+    if the name has no unit. ``path`` is the TOML path of the table that contains the key."""
     unit = split_units((*path, *key.split(".")))[1]
     return UNITS[unit_kind(unit)][unit] if unit else 1.0
 
 
 def _same_in_si(a: Any, b: Any, factor: float) -> bool:
-    """Return True if ``a`` times ``factor`` equals ``b``, to 1e-12: numbers, lists of them, the
-    components of a vector or the numbers of a distribution."""
+    """Return True if ``a`` times ``factor`` equals ``b`` to a relative 1e-12.
+
+    Lists and tables are equal if all their elements are; the factor is left out for numbers of a
+    distribution that have no unit, such as ``truncate_sigma``, and for a relative one. Values that
+    are not numbers must be equal.
+    """
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         scaled = {key: 1.0 if key in _UNSCALED or a.get("relative") else factor for key in a}
         return a.keys() == b.keys() and all(_same_in_si(a[k], b[k], scaled[k]) for k in a)
@@ -93,14 +102,15 @@ def _same_in_si(a: Any, b: Any, factor: float) -> bool:
 
 
 def _by_name(value: Any) -> Any:
-    """Return an array of tables as a table of them by name; other values unchanged."""
+    """Return a list of tables as a dict of them by their ``name``, or by their index where they
+    have none; return any other value unchanged."""
     if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
         return {str(item.get("name", i)): item for i, item in enumerate(value)}
     return value
 
 
 def _brief(value: Any) -> str:
-    """Return the text of a value, cut to 60 characters."""
+    """Return the text of a value; one longer than 60 characters is cut and ends in ``...``."""
     text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -111,12 +121,12 @@ def paired_rows(
     inputs: Sequence[str],
     changed: Collection[str] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the rows of two case tables that are pairs.
+    """Find the rows of two case tables that are pairs: the same case number and the same samples.
 
-    All common cases are pairs, or none: a selection of cases whose inputs agree would leave out
-    those that a change affects. They are pairs if a case number means the same samples in both
-    tables: the unchanged inputs agree in every common case, and either there are such inputs or the
-    agreeing inputs distinguish most cases.
+    Either all case numbers that both tables contain give pairs, or none does: a selection of the
+    cases whose inputs agree would leave out those that a change between the runs affects. They give
+    pairs if every input that is not in ``changed`` has equal values in all these cases. If all
+    inputs are in ``changed``, those with equal values must also differ between most cases.
 
     Parameters
     ----------
@@ -125,12 +135,13 @@ def paired_rows(
     inputs : sequence of str
         Inputs of both tables.
     changed : collection of str
-        Inputs whose values may differ because their distribution, correlation or seed does.
+        Inputs whose values may differ because their distribution, correlation or seed differs.
 
     Returns
     -------
     in_one, in_two : ndarray, shape (n_pairs,), int
-        Row indices of the pairs in either table, by increasing case number.
+        Row indices of the pairs in the first and in the second table, by increasing case number;
+        empty without pairs.
     """
     _, in_one, in_two = np.intersect1d(
         np.asarray(one["case"]), np.asarray(two["case"]), return_indices=True
@@ -146,9 +157,9 @@ def paired_rows(
 
 
 def _distinguishes_rows(values: Sequence[np.ndarray]) -> bool:
-    """Return True if columns (n,) differ between most rows, as samples of a continuous distribution
-    do. One such column is enough: 84 of a million rows take 2 s, where rows of one table took 45
-    s."""
+    """Return True if more than half of the rows formed by the columns, each (n,), are distinct, as
+    samples of a continuous distribution are. Columns are added one by one until that is so, which
+    is 20 times as fast as to look for the distinct rows of all columns."""
     code = np.zeros(len(values[0]) if values else 0, dtype=np.int64)
     for column_values in values:
         codes = np.unique(column_values, return_inverse=True)[1]
@@ -166,27 +177,29 @@ def compare(
     changed: Collection[str] = (),
     error_sizes: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """Compare the outcomes of two case tables, the second minus the first.
+    """Compare the outcomes of the ok cases of two case tables; differences are second minus first.
 
     Parameters
     ----------
     one, two : mapping of name to column
         ``case``, ``status``, inputs, outcomes.
     inputs, outcomes : sequence of str
-        Names that both have.
+        Names of columns that both tables have.
     changed : collection of str
-        See `paired_rows`.
+        Inputs whose values may differ, see `paired_rows`.
     error_sizes : mapping of outcome to float, optional
-        Difference that numerical error alone explains, in the outcome's unit.
+        Largest difference that numerical error alone can explain, in the outcome's unit; 0 for an
+        outcome that is not listed.
 
     Returns
     -------
     DataFrame, a row per outcome
-        ``mean_one``, ``mean_two``, ``sigma_one``, ``sigma_two``; ``difference`` of the means with
-        its 95 % interval ``low``, ``high`` (Student's t, exact for normal outcomes; for yes-or-no
-        outcomes see `sepmc.analysis.proportions`), and the number of ``pairs``, 0 for independent
-        samples; ``below_error``: True if no pair, or no two cases of independent samples, differ by
-        more than the numerical error: the difference is then 0.
+        ``mean_one``, ``mean_two``, ``sigma_one``, ``sigma_two``; ``difference`` of the means (of
+        the pairs, if there are any) with its 95 % interval ``low``, ``high`` (Student's t, exact
+        for normal outcomes; for yes-or-no outcomes see `sepmc.analysis.proportions`), and the
+        number of ``pairs``, 0 for independent samples. ``below_error`` is True if there are
+        differences within pairs, or between any two cases of independent samples, but none exceeds
+        ``error_sizes``: ``difference``, ``low`` and ``high`` are then 0.
     """
     in_one, in_two = paired_rows(one, two, inputs, changed)
     rows = []
@@ -225,8 +238,11 @@ def compare(
 
 
 def _mean_difference(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
-    """Return the difference of two means and its 95 % interval, from pairs or independent
-    samples."""
+    """Return the mean of ``b`` minus that of ``a`` and both ends of its 95 % interval.
+
+    ``a`` and ``b`` are values of an outcome in two runs; if ``paired``, equal indices are a pair.
+    All three results are NaN if either has fewer than two values.
+    """
     if min(len(a), len(b)) < 2:
         return np.nan, np.nan, np.nan
     if paired:
@@ -247,8 +263,12 @@ def _mean_difference(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float,
 def _proportion_difference(
     a: np.ndarray, b: np.ndarray, paired: bool
 ) -> tuple[float, float, float]:
-    """Return the difference of two proportions and its 95 % interval, from outcomes that are 0 or
-    1."""
+    """Return the proportion of ones in ``b`` minus that in ``a``, and both ends of the 95 %
+    interval.
+
+    ``a`` and ``b`` are zeros and ones of two runs; if ``paired``, equal indices are a pair. All
+    three results are NaN if either is empty.
+    """
     if not (len(a) and len(b)):
         return np.nan, np.nan, np.nan
     if paired:
@@ -259,26 +279,27 @@ def _proportion_difference(
 
 
 def dependence_warning(samplers: Sequence[str]) -> str:
-    """Return the warning on intervals of differences if cases of a run are not independent.
+    """Return a warning that intervals of differences are wrong, as cases are not independent.
 
     Parameters
     ----------
     samplers : sequence of str
-        Of the runs. A table of samples is not examined.
+        ``run.sampler`` of both runs. Cases from a table of samples (``run.samples``) are not
+        examined.
 
     Returns
     -------
     str
-        Empty if all cases are independent.
+        Empty if the sampler of both runs is random.
     """
     if SALTELLI in samplers:
         return (
-            "sampler saltelli: cases of a run differ in one parameter only, so these intervals are "
-            "too narrow"
+            "sampler saltelli: the cases of a run are not independent, as many differ in one "
+            "parameter only, so these intervals are too narrow"
         )
     if others := [name for name in dict.fromkeys(samplers) if name != RANDOM]:
         return (
-            f"sampler {' and '.join(others)}: cases of a run are not independent, so these "
+            f"sampler {' and '.join(others)}: the cases of a run are not independent; these "
             "intervals are those of as many random cases, mostly too wide"
         )
     return ""
@@ -292,11 +313,12 @@ def render_comparison(table: pd.DataFrame, width: int = WIDTH) -> str:
     table : DataFrame
         From `compare`.
     width : int
-        Characters in a line.
+        Largest number of characters in a line; further columns go to a block below.
 
     Returns
     -------
     str
+        A line per outcome, and a note on pairs.
     """
     head = ["outcome", "mean, first", "second", "second - first", "95 % interval", "sigma, first",
             "second", "pairs"]  # fmt: skip
@@ -317,5 +339,8 @@ def render_comparison(table: pd.DataFrame, width: int = WIDTH) -> str:
                 str(int(row["pairs"])) if row["pairs"] else "none",
             ]
         )
-    note = "differences are of pairs if there are any; means and sigmas are of all ok cases"
+    note = (
+        "differences: of pairs (same case number and samples in both runs) if there are any; "
+        "means and sigmas: of all ok cases"
+    )
     return "\n".join([*aligned(rows, width), note])

@@ -1,7 +1,7 @@
-"""Constant outcomes: their values differ by no more than their numerical error.
+"""Constant outcomes: numerical error alone can explain all differences between their values.
 
 Two values with errors up to e say nothing about a difference below 2 e. So an outcome is constant
-if its minimum and maximum differ by at most that: any scatter may be round-off, and has no
+if its minimum and maximum differ by at most 2 e: its scatter may be numerical error, so it has no
 distribution and no sensitivity. One case that differs by more makes the outcome vary.
 """
 
@@ -39,10 +39,10 @@ def error_size(relative: float, scale: float, value: float) -> float:
     Parameters
     ----------
     relative : float
-        Error relative to the size of the outcome, or to the ``scale`` if larger
-        (`sepmc.campaign.execution.accuracy.errors`). If not finite, round-off alone counts.
+        Error relative to the absolute ``value``, or to the ``scale`` if that is larger
+        (`sepmc.campaign.execution.accuracy.errors`). If it is not finite, round-off alone counts.
     scale, value : float
-        In the unit of the outcome.
+        Typical size of the outcome, and the value, in the unit of the outcome.
     """
     from_steps = relative * max(abs(value), scale) if np.isfinite(relative) else 0.0
     return float(from_steps + _ROUND_OFF * scale)
@@ -53,8 +53,9 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
 
     ``error_size`` is the numerical error in the unit of the outcome; ``constant`` is True if at
     least two cases have the outcome and none differs from another by more than twice the error. The
-    time and position of an extreme are uncertain where it is flat, by an amount that varies from
-    case to case: they are constant only if the extreme is, too.
+    time or place of an extreme (such as a peak force) is uncertain where the extreme is flat, by an
+    amount that varies from case to case: it counts as constant only if all its values are equal or
+    the extreme is constant, too.
 
     Parameters
     ----------
@@ -62,6 +63,11 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
         From `sepmc.analysis.statistics.statistics`.
     errors : mapping of outcome to (relative error, scale)
         See `error_size`.
+
+    Returns
+    -------
+    DataFrame
+        A copy of ``table`` with the two columns.
     """
     names = list(map(str, table.index))
     low, high = (table[end].to_numpy(dtype=float) for end in ("min", "max"))
@@ -78,15 +84,16 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
 
 
 def _size(name: str, errors: Mapping[str, tuple[float, float]], largest: float) -> float:
-    """Return the numerical error of an outcome: 0 if it is yes or no, NaN if no case has it."""
+    """Return the numerical error of an outcome, in its unit, from ``largest``, its largest absolute
+    value: 0 for a yes-or-no outcome, NaN if ``largest`` is not finite (no case has it)."""
     if is_yes_or_no(name):
         return 0.0
     return error_size(*errors.get(name, (np.nan, 0.0)), largest) if np.isfinite(largest) else np.nan
 
 
 def _extreme(name: str) -> str | None:
-    """Return the extreme (peak force, peak moment, clearance) of which an outcome is the time or
-    place; None for other outcomes."""
+    """Return the name of the outcome (peak force, peak moment or clearance) whose time or place the
+    outcome ``name`` is; None if it is no time or place of an extreme."""
     return next(
         (name.removesuffix(end) + of for end, of in _EXTREME_OF.items() if name.endswith(end)), None
     )
@@ -111,7 +118,8 @@ def is_constant(table: pd.DataFrame, name: str) -> bool:
 
 
 def max_spread(table: pd.DataFrame, name: str) -> float:
-    """Return the largest difference between values of a constant outcome.
+    """Return the largest difference that values of a constant outcome can have: twice its numerical
+    error.
 
     Parameters
     ----------
@@ -152,8 +160,8 @@ def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
 
 
 def round_to_error(value: float, error: float) -> float:
-    """Round a value to the digits that its numerical error, in its unit, leaves (at most seven); 0
-    if it leaves none."""
+    """Return a value rounded to the significant digits that its numerical error, in the same unit,
+    leaves certain, one to seven; 0 if the error is as large as the value."""
     if not np.isfinite(value) or abs(value) <= error:
         return 0.0 if abs(value) <= error else float(value)
     digits = np.log10(abs(value) / error) if error > 0.0 else np.inf
@@ -166,7 +174,9 @@ def constant_value(table: pd.DataFrame, name: str) -> float:
 
 
 def with_constant_values(table: pd.DataFrame) -> pd.DataFrame:
-    """Replace the statistics of constant outcomes by their value, with a sigma of 0."""
+    """Return a table of statistics with the numbers of constant outcomes replaced: mean, minimum,
+    maximum and percentiles by their `constant_value`, sigma and standard errors by 0. A table
+    without constant outcomes, or without the column ``constant``, is returned as it is."""
     if "constant" not in table:
         return table
     mask = table["constant"].to_numpy(dtype=bool)
@@ -186,8 +196,8 @@ def with_constant_values(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
-    """Render the constant outcomes of a table of `with_constants`, a line each, without yes-or-no
-    ones; ``units`` by outcome."""
+    """Render the constant outcomes of a table of `with_constants`, except yes-or-no ones, as lines
+    ``name: constant value unit (reason)``; ``units`` maps outcomes to units."""
     return [
         f"{name}: {render_constant(table, name, units)}"
         for name in map(str, table.index)
@@ -196,12 +206,14 @@ def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None
 
 
 def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
-    """Render the value of a constant outcome, or that it is undetermined, with the reason why it
-    counts as constant."""
+    """Render a constant outcome as its value, or as undetermined for the time or place of a flat
+    extreme, with the reason why it counts as constant; ``units`` maps outcomes to units."""
     mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
     unit = "" if unit == "1" else f" {unit}"
-    difference = f"{n:.0f} values differ by no more than their numerical error, {error:.1g}{unit}"
+    difference = (
+        f"{n:.0f} values differ by no more than twice their numerical error of {error:.1g}{unit}"
+    )
     if _extreme(name) and error > _MAX_RELATIVE_ERROR * abs(mean):
         return f"undetermined, as its extreme is flat ({difference})"
     remark = f"all {n:.0f} values are equal" if table.at[name, "sigma"] == 0.0 else difference
@@ -211,7 +223,7 @@ def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | N
 def collapse_constant(
     histogram: "Histogram | None", table: pd.DataFrame, name: str
 ) -> "Histogram | None":
-    """Replace the histogram of a constant outcome by its single value.
+    """Return the histogram of an outcome, reduced to a single value if the outcome is constant.
 
     Parameters
     ----------
@@ -224,7 +236,8 @@ def collapse_constant(
     Returns
     -------
     Histogram or None
-        Without bins if the outcome is constant.
+        ``histogram`` itself if it is None or the outcome is not constant; else a copy without bins,
+        with the constant value as mean and both ends, and a sigma of 0.
     """
     if histogram is None or not is_constant(table, name):
         return histogram

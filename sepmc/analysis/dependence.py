@@ -1,4 +1,8 @@
-"""Dependence between inputs, and too even sampling, from counts in the cells of pairs of inputs."""
+"""Chi-square tests for dependent inputs, and for samples that are too even to be independent.
+
+The range of each input is divided into parts of about equally many cases, and the cases are counted
+in the grid cells that the parts of two inputs form.
+"""
 
 from functools import lru_cache
 
@@ -12,7 +16,7 @@ _TOO_EVEN = -6.0  # sigmas of the sum of chi-squares: probability 1e-9 for rando
 
 
 def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
-    """Find pairs of dependent inputs and detect samples that are too even to be independent.
+    """Find pairs of dependent inputs, and detect samples that are too even to be independent.
 
     Parameters
     ----------
@@ -22,10 +26,10 @@ def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
     Returns
     -------
     pairs : list of (int, int)
-        Indices of inputs that depend on each other.
+        Indices, below d, of two inputs that depend on each other.
     too_even : bool
-        True if the cases fill the cells more evenly than independent cases would, as points of a
-        Sobol sequence or of a grid do.
+        True if the cases fill the grid cells of pairs of inputs more evenly than independent cases
+        would, as points of a Sobol sequence or of a grid do.
     """
     pairs, too_even = _dependence(np.ascontiguousarray(x).tobytes(), len(x))
     return list(pairs), too_even
@@ -33,7 +37,8 @@ def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
 
 @lru_cache(maxsize=2)  # all outcomes of a run have the same inputs
 def _dependence(data: bytes, count: int) -> tuple[tuple[tuple[int, int], ...], bool]:
-    """Result of `dependence`; ``data`` are the values of ``count`` inputs."""
+    """Return the result of `dependence`, cached; ``data`` is its array ``x`` as bytes, and
+    ``count`` the number of inputs d."""
     from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
 
     x = np.frombuffer(data).reshape(count, -1)
@@ -66,7 +71,7 @@ def _dependence(data: bytes, count: int) -> tuple[tuple[tuple[int, int], ...], b
 
 
 def _part_indices(values: np.ndarray, n_parts: int) -> np.ndarray:
-    """Return the index (n,) of the part of each value; ``n_parts`` parts have about equally many
-    cases."""
+    """Return for each of the values (n,) of an input the index of the part that contains it, from
+    0; the values are divided into at most ``n_parts`` parts of about equally many cases."""
     edges = np.unique(np.quantile(values, np.arange(n_parts) / n_parts, method="lower"))
     return np.searchsorted(edges, values, side="right") - 1

@@ -1,11 +1,11 @@
 """Distribution fits of outcomes: shape, test of normality, and the nearest of six distributions.
 
-Each distribution has two parameters, fitted by maximum likelihood, so the one of largest likelihood
-is also the nearest by any information criterion. The goodness of fit is the Anderson-Darling
-statistic, which weighs the tails, with critical values for parameters estimated from the same cases
-(Stephens in D'Agostino and Stephens, Goodness-of-Fit Techniques, Dekker 1986, tables 4.7, 4.17 and
-4.22); the tests compare them with simulation. `scipy.stats.anderson` limits p of a normal
-distribution to 0.15 where this table reaches 0.25, and imports scipy.stats (1 s).
+Each distribution has two parameters, fitted by maximum likelihood; the nearest is the one of
+largest likelihood, and so by any information criterion. The goodness of fit is the Anderson-Darling
+statistic, which gives weight to the tails, with critical values for parameters estimated from the
+same cases (Stephens in D'Agostino and Stephens, Goodness-of-Fit Techniques, Dekker 1986, tables
+4.7, 4.17 and 4.22). `scipy.stats.anderson` limits the p value of a normal distribution to 0.15,
+where this table reaches 0.25.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -29,16 +29,16 @@ _EXTREME = {0.25: 0.474, 0.1: 0.637, 0.05: 0.757, 0.025: 0.877, 0.01: 1.038}
 
 @dataclass(frozen=True)
 class Distribution:
-    """Location-scale distribution of the values, or of their logarithms.
+    """Location-scale distribution to fit to values of an outcome, or to their logarithms.
 
     Parameters
     ----------
     scipy_name : str
         Name in `scipy.stats`.
     points : mapping of float to float
-        Asymptotic critical values of the Anderson-Darling statistic by probability.
+        Critical value of the Anderson-Darling statistic, for many cases, by p value.
     of_logarithm : bool
-        True if the distribution is of the logarithm of the values.
+        True if the logarithms of the values, rather than the values, have the distribution.
     """
 
     scipy_name: str
@@ -46,27 +46,28 @@ class Distribution:
     of_logarithm: bool = False
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Transform values (n,) to the variable that has location and scale."""
+        """Return the variable (n,) that has the distribution: the values (n,), or their natural
+        logarithms if ``of_logarithm``."""
         return np.log(values) if self.of_logarithm else values
 
     def frozen(self, location: float, scale: float) -> Any:
-        """Return the `scipy.stats` distribution with this location and scale; of the logarithm of
-        the values if ``of_logarithm``."""
+        """Return the frozen `scipy.stats` distribution with this location and scale; it is that of
+        the logarithms of the values if ``of_logarithm``."""
         from scipy import stats  # noqa: PLC0415  (1 s)
 
         return getattr(stats, self.scipy_name)(location, scale)
 
     def fit(self, values: np.ndarray) -> tuple[float, float]:
-        """Return location and scale of maximum likelihood for values (n,), or for their logarithms
-        if ``of_logarithm``."""
+        """Return the location and scale that have maximum likelihood for values (n,), or for their
+        logarithms if ``of_logarithm``."""
         from scipy import stats  # noqa: PLC0415
 
         location, scale = getattr(stats, self.scipy_name).fit(self(values))
         return float(location), float(scale)
 
     def probability(self, statistic: float, n: int) -> float:
-        """Return the p value of an Anderson-Darling statistic of n cases, limited to 0.01 to
-        0.25."""
+        """Return the p value of an Anderson-Darling statistic of a fit to n cases; below 0.01 and
+        above 0.25 these limits are returned."""
         adjustments = {"norm": 0.75 / n + 2.25 / n**2, "logistic": 0.25 / n}
         adjusted = statistic * (1.0 + adjustments.get(self.scipy_name, 0.2 / np.sqrt(n)))
         levels = np.array(list(self.points))
@@ -105,19 +106,20 @@ def fit_distributions(
     outcomes : sequence of str
         Columns to describe.
     constant : collection of str
-        Outcomes whose values differ by no more than their numerical error
-        (`sepmc.analysis.constant_outcomes`); their ``distribution`` is `CONSTANT`, without numbers.
+        Constant outcomes, whose scatter numerical error can explain
+        (`sepmc.analysis.constant_outcomes`).
 
     Returns
     -------
     DataFrame, one row per outcome
-        ``n``; ``skewness`` and excess ``kurtosis``, with their standard errors for normal cases;
-        ``normal_p``, the p value of a normal distribution; ``distribution``, the name of the
+        ``n``, the number of finite values; ``skewness`` and excess ``kurtosis``, with the standard
+        errors ``skewness_se`` and ``kurtosis_se`` that they have in normal samples; ``normal_p``,
+        the p value of a normal distribution; ``distribution``, a key of `DISTRIBUTIONS`: the
         nearest one, its ``location`` and ``scale`` (of the logarithm for lognormal and Weibull),
         its p value ``p``, and its quantiles ``p0_135`` and ``p99_865`` in the outcome's unit.
-        P values are limited to 0.01 and 0.25. ``distribution`` is `TOO_FEW` for an outcome with
-        fewer than `MIN_CASES` values and `DISCRETE` for one with fewer than n / 2 distinct values;
-        the other columns are then NaN.
+        P values are limited to 0.01 and 0.25. ``distribution`` is `CONSTANT` for the ``constant``
+        outcomes, `TOO_FEW` for one with fewer than `MIN_CASES` values and `DISCRETE` for one with
+        fewer than n / 2 distinct values; all columns but ``n`` are then NaN.
     """
     ok = ok_rows(cases)
     table_rows = [
@@ -130,7 +132,8 @@ def fit_distributions(
 
 
 def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
-    """Return the row of `fit_distributions` for the values (n,) of one outcome."""
+    """Return the row of `fit_distributions`, by column, for the values (n,) of one outcome; columns
+    that would be NaN are absent, and values that are not finite are left out."""
     x = np.sort(values[np.isfinite(values)])
     n = len(x)
     row: dict[str, Any] = {"n": n, "distribution": ""}
@@ -166,8 +169,8 @@ def _fit_nearest(values: np.ndarray) -> dict[str, Any]:
 
 
 def _anderson_darling(distribution: Any, x: np.ndarray) -> float:
-    """Return the Anderson-Darling statistic A^2 of sorted values (n,) for a `scipy.stats`
-    distribution."""
+    """Return the Anderson-Darling statistic A^2 of values (n,), in increasing order, for a frozen
+    `scipy.stats` distribution."""
     n = len(x)
     weights = (2.0 * np.arange(1, n + 1) - 1.0) / n
     return float(-n - weights @ (distribution.logcdf(x) + distribution.logsf(x[::-1])))
@@ -180,17 +183,17 @@ def render_fits(
     width: int = WIDTH,
     sampler: str = "random",
 ) -> str:
-    """Render the fits of outcomes as a text table.
+    """Render the fits of outcomes as a text table with a row per outcome, and notes below it.
 
     Parameters
     ----------
     fits : DataFrame
         From `fit_distributions`.
     statistics : DataFrame
-        Statistics of the same cases.
+        Table of `sepmc.analysis.statistics.statistics` for the same cases.
     units : mapping of outcome to unit
     width : int
-        Characters in a line.
+        Largest number of characters in a line.
     sampler : str
         Value of ``run.sampler``; a note follows if its cases are not independent.
 
@@ -239,12 +242,14 @@ def render_fits(
 
 
 def _probability(p: float) -> str:
-    """Format a p value; the ends of the table are inequalities."""
+    """Format a p value with two decimals, or as ``> 0.25`` or ``< 0.01`` at the ends of the
+    tabulated range."""
     return "> 0.25" if p >= max(_NORMAL) else "< 0.01" if p <= min(_NORMAL) else f"{p:.2f}"
 
 
 def _interval(row: pd.Series, end: str) -> str:
-    """Format the 95 % interval of a percentile of the cases."""
+    """Format the 95 % interval of a percentile of the cases as ``low to high``, or as ``too few``
+    cases to give it; ``row`` is a row of statistics, ``end`` the name of the percentile."""
     ends = [row[f"{end}_low"], row[f"{end}_high"]]
     if not np.isfinite(ends).all():
         return "too few"

@@ -1,10 +1,11 @@
 """Failure attribution: inputs, and pairs of inputs, that distinguish violating cases from the rest.
 
-An input is partitioned into parts of equally many cases, a pair of inputs into cells. The measure
-is the mutual information of the part or cell of a case and its violation; for an input without
-effect, 2 n times it follows a chi-square distribution (G-test: Sokal and Rohlf, Biometry, 17). A
-pair is attributed only if each of its inputs adds information to the other, and if the odds of a
-violation in its cell are at least 1.5 times those in the rest of either part.
+The range of an input is divided into parts with about equally many of the n cases; the parts of two
+inputs form cells. The measure is the mutual information between the part (or cell) of a case and
+whether the case violates; for an input without effect, 2 n times it follows a chi-square
+distribution (G-test: Sokal and Rohlf, Biometry, 17). A pair is attributed only if each of its
+inputs adds information to the other, and if the odds of a violation in its cell are at least 1.5
+times those in the rest of either part.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,17 +34,18 @@ _CHANCE = 1e-3  # probability of any false attribution
 
 @dataclass(frozen=True)
 class Attribution:
-    """An input, or a pair of inputs, and the region of its violations.
+    """An input, or a pair of inputs, that distinguishes violating cases from the rest, and the
+    region of its values that does so most.
 
     Parameters
     ----------
     inputs : tuple of one or two names
     information : float
-        Explained fraction of the information on violations, 0 to 1.
+        Fraction of the information on which cases violate that the inputs explain, 0 to 1.
     chance : float
-        Probability that inputs without effect explain as much.
+        Probability that any of the tested inputs and pairs explains as much without an effect.
     region : tuple of (min, max), one per input
-        Values in the part or cell with the largest information.
+        Smallest and largest value of the input in the part or cell with the largest information.
     inside, violations, cases : int
         Violations in the region, all violations, and cases in the region.
     """
@@ -60,19 +62,21 @@ class Attribution:
 def attribute_failures(
     cases: Mapping[str, np.ndarray], inputs: Sequence[str], violates: np.ndarray
 ) -> list[Attribution]:
-    """Find inputs and pairs that distinguish violating cases, sorted by information.
+    """Find inputs, and pairs of inputs, that distinguish violating cases from the rest.
 
     Parameters
     ----------
     cases : mapping of name to column, shape (n_cases,)
     inputs : sequence of str
-        Names of the dispersed inputs.
+        Columns of the dispersed inputs.
     violates : ndarray, shape (n_cases,), bool
+        True for cases that violate.
 
     Returns
     -------
     list of Attribution
-        Significant ones only; empty if no case or every case violates.
+        Those with a ``chance`` below 0.001, the largest ``information`` first; empty if no case or
+        every case violates.
     """
     n, k = len(violates), int(np.count_nonzero(violates))
     if k in (0, n):
@@ -87,7 +91,12 @@ def attribute_failures(
     def add_if_significant(
         parts: dict[str, _Partition], information: float, added: float, degrees: int
     ) -> None:
-        """Append an attribution if the ``added`` information is significant."""
+        """Append an attribution to the inputs ``parts`` if it is significant.
+
+        ``information`` (nats) is that of the inputs together; ``added`` is tested: all of it for
+        one input, or what the less useful input of a pair adds to the other, by a chi-square with
+        ``degrees`` of freedom.
+        """
         chance = min(1.0, tests * _chi2_tail(2.0 * n * added, degrees))
         if chance < _CHANCE:
             attribution = _attribution(parts, information / total, chance, violates)
@@ -117,22 +126,24 @@ def attribute_violations(
     others: Sequence[Requirement] = (),
     design: str = "random",
 ) -> list[Attribution]:
-    """Attribute the violations of a requirement, among the cases with a known result.
+    """Attribute the violations of a requirement to inputs, among the cases with a known result.
 
     Parameters
     ----------
     requirement : Requirement
-    cases : mapping of name to column
+    cases : mapping of name to column, shape (n_cases,)
     inputs : sequence of str
+        Columns of the dispersed inputs.
     others : sequence of Requirement
-        As for `violation_masks`.
+        Requirements that one on `VIOLATION` combines, as for `violation_masks`.
     design : str
-        Sampler of the cases. The result is empty for patterned ones, for which the G-test is
-        invalid: all of 40 Sobol campaigns named a pair of inputs without effect, 3 a single one.
+        Sampler of the cases. The result is empty for those in `PATTERNS`, for which the G-test is
+        invalid: in each of 40 Sobol campaigns it named a pair of inputs without effect.
 
     Returns
     -------
     list of Attribution
+        See `attribute_failures`.
     """
     if design in PATTERNS:
         return []
@@ -145,19 +156,22 @@ def attribute_violations(
 def attribute_missing(
     metric: str, cases: Mapping[str, np.ndarray], inputs: Sequence[str], design: str = "random"
 ) -> tuple[int, list[Attribution]]:
-    """Count the ``ok`` cases without an outcome, and attribute them to inputs.
+    """Count the ``ok`` cases that do not have an outcome, and attribute them to inputs.
 
     Parameters
     ----------
     metric : str
-        Outcome.
+        Name of the outcome.
     cases, inputs, design
         As for `attribute_violations`.
 
     Returns
     -------
     count : int
+        Number of ok cases in which the outcome is NaN.
     attributions : list of Attribution
+        Inputs that distinguish them from the other ok cases, see `attribute_failures`; empty for a
+        patterned ``design``.
     """
     ok = ok_rows(cases)
     missing = np.isnan(column(cases, metric)[ok])
@@ -171,15 +185,16 @@ def attribute_missing(
 def _partition(
     cases: Mapping[str, np.ndarray], inputs: Sequence[str], limit: float
 ) -> dict[str, "_Partition"]:
-    """Partition the inputs that vary, each into at most ``limit`` parts."""
+    """Return by name the partition of each input that varies, into at most ``limit`` parts (limited
+    to 2 to 8)."""
     max_parts = int(np.clip(limit, *_PART_LIMITS))
     partitions = {name: _Partition(column(cases, name), max_parts) for name in inputs}
     return {name: partition for name, partition in partitions.items() if partition.number > 1}
 
 
 class _Partition:
-    """Partition of an input with ``values`` (n,) into ``number`` parts of about equally many cases;
-    ``index`` (n,) is the part of each case."""
+    """Partition of the range of an input into ``number`` parts of about equally many cases:
+    ``values`` (n,) of the input, and ``index`` (n,) of the part, from 0, of each case."""
 
     def __init__(self, values: np.ndarray, max_parts: int):
         edges = np.unique(values)
@@ -190,14 +205,15 @@ class _Partition:
 
 
 def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
-    """Return the mutual information of the cell (n,) of a case and its violation, in nats."""
+    """Return the mutual information, in nats, between the cell and the violation of a case:
+    ``cells`` (n,) are indices below ``number``, ``violates`` (n,) is a mask."""
     counts = [np.bincount(cells[rows], minlength=number) for rows in (violates, ~violates)]
     return float(_mutual_information(np.array(counts)))
 
 
 def _mutual_information(counts: np.ndarray) -> np.ndarray:
-    """Return the mutual information (...) of the first two axes of counts (2, cells, ...), in
-    nats."""
+    """Return the mutual information, in nats, between the first two axes of ``counts`` (violating
+    or not, cells, ...); its shape is that of the further axes."""
     fractions = counts / counts.sum(axis=(0, 1))
     expected = fractions.sum(axis=0) * fractions.sum(axis=1, keepdims=True)
     numerator = np.where(fractions > 0.0, fractions, 1.0)
@@ -206,7 +222,8 @@ def _mutual_information(counts: np.ndarray) -> np.ndarray:
 
 
 def _chi2_tail(statistic: float, degrees: int) -> float:
-    """Return the probability that chi-square with ``degrees`` of freedom exceeds the statistic."""
+    """Return the probability that a chi-square variable with ``degrees`` of freedom exceeds the
+    ``statistic``."""
     from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
 
     return float(chdtrc(degrees, max(statistic, 0.0)))
@@ -218,8 +235,13 @@ def _attribution(
     chance: float,
     violates: np.ndarray,
 ) -> Attribution | None:
-    """Build the attribution of an input or pair, with the part or cell of most information among
-    those with more violations than average; None if no cell needs both inputs of a pair."""
+    """Build the attribution to an input, or to a pair of inputs (``partition_of`` has one or two).
+
+    Its region is the part or cell of most information among those with more violations than
+    average. For a pair, the odds of a violation in the cell must also be at least 1.5 times those
+    in the rest of either part. None if there is no such part or cell. ``information_fraction`` and
+    ``chance`` become fields of the attribution; ``violates`` (n,) is a mask.
+    """
     shape = tuple(partition.number for partition in partition_of.values())
     cells = np.ravel_multi_index([partition.index for partition in partition_of.values()], shape)
     size, k, n = int(np.prod(shape)), int(np.count_nonzero(violates)), len(violates)
@@ -251,23 +273,26 @@ def _attribution(
 
 
 def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
-    """Return the odds of a violation from counts of violations and cases, with half a case added on
-    either side (Haldane, Ann. Hum. Genet. 20, 1956)."""
+    """Return the odds of a violation from the numbers of violations (``inside``) and of ``cases``,
+    of equal shape; half a case is added to the violating and half to the other ones (Haldane, Ann.
+    Hum. Genet. 20, 1956)."""
     return np.asarray((inside + 0.5) / (cases - inside + 0.5))
 
 
 def attribution_table(attributions: Mapping[str, Sequence[Attribution]]) -> pd.DataFrame:
-    """Tabulate attributions.
+    """Return a table of attributions.
 
     Parameters
     ----------
     attributions : mapping of str to sequence of Attribution
-        By the name of what is violated.
+        By the name of the requirement or other failure.
 
     Returns
     -------
     DataFrame, a row per attribution
-        Pairs of inputs fill ``second_*``.
+        ``violated``, the name; ``input`` with its region ``low`` to ``high``; ``second_input``,
+        ``second_low`` and ``second_high`` likewise for a pair, else empty and NaN; and the fields
+        ``information``, ``chance``, ``inside``, ``cases`` and ``violations`` of `Attribution`.
     """
     rows = [
         {
@@ -302,20 +327,20 @@ def render_attribution(
     width: int = WIDTH,
     design: str = "random",
 ) -> str:
-    """Render attributions as text.
+    """Render the attributions of one failure as text: a head, then a paragraph for each.
 
     Parameters
     ----------
     what : str
-        Name of what is violated.
+        Name of the requirement or other failure, which begins the text.
     attributions : sequence of Attribution
     keys : mapping of input column to TOML path
     most : int
-        Largest number of attributions.
+        Largest number of attributions rendered, the first ones.
     width : int
         Characters in a line.
     design : str
-        Sampler of the cases.
+        Sampler of the cases; for one in `PATTERNS` the text says why there is no attribution.
 
     Returns
     -------
@@ -336,9 +361,10 @@ def render_attribution(
         verb = " together explain" if len(attribution.inputs) > 1 else " explains"
         lines.append(
             fill(
-                f"{names}{verb} {100.0 * attribution.information:.0f} % of the information, mostly "
-                f"where {region}: {attribution.inside} of the {attribution.violations} are among "
-                f"the {attribution.cases} cases there",
+                f"{names}{verb} {100.0 * attribution.information:.0f} % of the information on "
+                f"which cases these are, mostly where {region}: {attribution.inside} of the "
+                f"{attribution.violations} such cases are among the {attribution.cases} cases "
+                "there",
                 width,
                 initial_indent="  ",
                 subsequent_indent="      ",

@@ -1,4 +1,5 @@
-"""Small figures as SVG for tables of a notebook, without a library."""
+"""Small SVG figures, 120 x 22 pixels, for cells of tables in a notebook; written without a plotting
+library."""
 
 from collections.abc import Sequence
 
@@ -12,17 +13,18 @@ _BAR, _BOUND, _MARK = "#a9cdea", "#009E73", "#D55E00"
 
 
 def histogram_svg(histogram: Histogram | None, bounds: Sequence[float] = ()) -> str:
-    """Return a histogram, with lines at required bounds within its range.
+    """Return a histogram as SVG, with vertical lines at the required bounds within its range.
 
     Parameters
     ----------
     histogram : Histogram or None
     bounds : sequence of float
+        Required bounds, in the unit of the histogram.
 
     Returns
     -------
     str
-        Empty if the histogram has no bins.
+        SVG element; empty if there is no histogram or it has no bins.
     """
     if histogram is None or not histogram.edges.size:
         return ""
@@ -41,7 +43,8 @@ def histogram_svg(histogram: Histogram | None, bounds: Sequence[float] = ()) -> 
 
 
 def position_svg(value: float, low: float, high: float) -> str:
-    """Return a bar from ``low`` to ``high`` with a line at a value; empty if it has no length."""
+    """Return the SVG of a bar that stands for the range ``low`` to ``high``, with a vertical line
+    at ``value`` (at an end if it is outside); an empty string unless ``low`` < ``high``."""
     if not low < high:
         return ""
     share = min(1.0, max(0.0, (value - low) / (high - low)))
@@ -50,11 +53,11 @@ def position_svg(value: float, low: float, high: float) -> str:
 
 
 def _line(share: float, colour: str) -> str:
-    """Return a vertical line at a fraction of the width."""
+    """Return the SVG path of a vertical line at a fraction of the width, ``share``, 0 to 1."""
     x = 1.0 + (_WIDTH - 2.0) * share
     return f'<path stroke="{colour}" stroke-width="2" d="M{x:.1f} 0V{_HEIGHT}"/>'
 
 
 def _svg(content: str) -> str:
-    """Return an image."""
+    """Return the SVG image that contains the elements ``content``."""
     return f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img">{content}</svg>'

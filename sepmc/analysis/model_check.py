@@ -1,11 +1,15 @@
 """Posterior predictive check: does a model with its distributions explain measurements?
 
-In units of sigma, the residuals from the mean prediction of the posterior have the covariance
-I - P, where P is that of the predictions over the posterior: exactly so if the model is linear in
-normal scores and the true scores are of the prior. Where P approaches 1 the measurements determine
-the fit, so that residuals say nothing about the model; such directions are left out. What the fit
-has absorbed shows in the scores: their posterior mean has the covariance I - C under the prior,
-where C is that of the posterior.
+Scores are the estimated parameters, transformed so that their prior is standard normal. All
+residuals, measured minus predicted values, are in units of sigma, the standard deviation of the
+measurement noise.
+
+The residuals from the mean prediction of the posterior have the covariance I - P, where P is the
+covariance of the predictions over the posterior. This is exact if the model is linear in the scores
+and the true scores come from the prior. In directions in which P approaches 1 the fit follows the
+measurements, so the residuals say nothing about the model; these directions are left out. An error
+that the fit has absorbed shows in the scores: their posterior mean has the covariance I - C, where
+C is the covariance of the scores over the posterior.
 """
 
 from collections.abc import Sequence
@@ -24,7 +28,8 @@ _MAX_PREDICTIONS = 500  # that the covariance of all samples is taken from
 
 @dataclass(frozen=True)
 class ChiSquareTest:
-    """Chi-square of a test, its degrees of freedom and its p-value (upper tail)."""
+    """Result of a chi-square test: the statistic ``chi_square``, its degrees of freedom ``freedom``
+    and its upper-tail ``p_value``."""
 
     chi_square: float
     freedom: int
@@ -32,17 +37,20 @@ class ChiSquareTest:
 
     @property
     def fails(self) -> bool:
-        """True if a model that is right gives so large a value rarely (`LEVEL`)."""
+        """True if a right model rarely gives a chi-square this large: the p-value is below `LEVEL`
+        divided by the number of tests, 3."""
         return self.p_value < LEVEL / _TESTS
 
     @property
     def ratio(self) -> float:
-        """Root mean square of what is tested, in its own standard deviations; NaN of nothing."""
+        """Root of chi-square over the degrees of freedom, near 1 for a right model: the root mean
+        square of the tested values in their standard deviations. NaN without degrees of freedom."""
         return float(np.sqrt(self.chi_square / self.freedom)) if self.freedom else np.nan
 
     @property
     def is_too_small(self) -> bool:
-        """True if the ratio is far below 1, and rarely so small of a model that is right."""
+        """True if ``ratio`` is below 0.5 and a right model gives a chi-square this small with a
+        probability below `LEVEL`; sigma is then far too large."""
         from scipy.stats import chi2  # noqa: PLC0415
 
         return self.ratio < _TOO_SMALL and chi2.cdf(self.chi_square, self.freedom) < LEVEL
@@ -50,17 +58,19 @@ class ChiSquareTest:
 
 @dataclass(frozen=True)
 class TimeBlock:
-    """Residuals of a channel in a part of the time.
+    """Mean residual of a measured channel over a block of time.
 
     Attributes
     ----------
     channel : int
+        Index of the channel.
     start_s, end_s : float
-        Of the run.
+        Times of the first and the last sample of the block, in the time of the run.
     residual : float
-        Mean, in sigma.
+        Mean of the residuals, in sigma.
     score : float
-        The same in its own standard deviations; NaN where the fit follows the measurement.
+        Mean of the residuals in standard deviations of that mean, which a right model gives it; NaN
+        where the fit follows the measurement.
     """
 
     channel: int
@@ -72,19 +82,22 @@ class TimeBlock:
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """Posterior predictive check.
+    """Results of a posterior predictive check.
 
     Attributes
     ----------
     blocks : ChiSquareTest
-        Of the means of the residuals over blocks of time: loads and effects that the model lacks.
+        Test of the mean residuals of all time blocks; it fails for slow loads and effects that the
+        model lacks.
     parameters : ChiSquareTest
-        Of the estimated scores against the prior: parameters outside their distributions.
+        Test of the posterior mean of the scores against the prior; it fails for parameters outside
+        their distributions.
     noise : ChiSquareTest
-        Of all residuals: noise beyond sigma, or errors of the model that are as fast.
+        Test of all residuals; it fails for noise larger than sigma, or model errors as fast as it.
     by_time : tuple of TimeBlock
+        All blocks of the first channel, then of the second, and so on.
     channels : tuple of ChiSquareTest
-        Of the residuals of each channel.
+        Test of the residuals of each channel.
     """
 
     blocks: ChiSquareTest
@@ -95,12 +108,13 @@ class ModelCheck:
 
     @property
     def is_short(self) -> bool:
-        """True if the model with its distributions does not explain the measurements."""
+        """True if the model with its distributions does not explain the measurements: the test
+        ``blocks`` or ``parameters`` fails."""
         return self.blocks.fails or self.parameters.fails
 
     @property
     def worst(self) -> TimeBlock:
-        """Time block with the largest score."""
+        """Time block whose score has the largest absolute value; NaN counts as 0."""
         return max(self.by_time, key=lambda one: np.nan_to_num(abs(one.score)))
 
 
@@ -110,18 +124,18 @@ def check_model(
     predicted: Sequence[np.ndarray],
     scores: np.ndarray,
 ) -> ModelCheck:
-    """Check a model by the predictions of its posterior.
+    """Check whether a model explains measurements, by its predictions over the posterior.
 
     Parameters
     ----------
     times : sequence of ndarray, shape (m,)
-        Of the samples of each channel, s.
+        Times of the m measurements of each channel, s, not falling.
     measured : sequence of ndarray, shape (m,)
-        In units of sigma.
+        Measurements of each channel, in units of sigma.
     predicted : sequence of ndarray, shape (n, m)
-        At the samples of the posterior, in units of sigma.
+        Predictions of them for each of n samples of the posterior, in units of sigma.
     scores : ndarray, shape (n, d)
-        Of the posterior, whose prior is standard normal.
+        The d scores of each sample of the posterior; their prior is standard normal.
 
     Returns
     -------
@@ -154,7 +168,9 @@ def check_model(
 
 
 def _limits(time: np.ndarray) -> np.ndarray:
-    """Limits (b + 1,) of the indices of time blocks of about equal duration."""
+    """Return indices (b + 1,) that divide the samples at times (m,) into b blocks of about equal
+    duration, with at least five samples each if there are as many: samples limits[k] to
+    limits[k + 1] - 1 form block k."""
     count = max(1, min(_BLOCKS, len(time) // _MIN_SAMPLES))
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1])
     limits = [0]
@@ -166,12 +182,14 @@ def _limits(time: np.ndarray) -> np.ndarray:
 
 
 def _block_sums(values: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Sums (n, b) of values (n, m) over blocks, in standard deviations of independent noise."""
+    """Return the sums (n, b) of values (n, m) over the blocks between ``limits`` (b + 1,), each
+    divided by the root of its number of samples: sigma of a sum of independent unit noise."""
     return np.asarray(np.add.reduceat(values, limits[:-1], axis=1) / np.sqrt(np.diff(limits)))
 
 
 def _test(values: np.ndarray, posterior: np.ndarray) -> ChiSquareTest:
-    """Test values (m,) that have the covariance I - P, with P that of the posterior (n, m)."""
+    """Test whether values (m,) have the covariance I - P, where P is the covariance of
+    ``posterior`` (n, m) over its n samples; directions in which P exceeds 0.5 are left out."""
     from scipy.stats import chi2  # noqa: PLC0415
 
     offsets = (posterior - posterior.mean(axis=0)) / np.sqrt(len(posterior) - 1.0)

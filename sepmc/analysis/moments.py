@@ -1,4 +1,4 @@
-"""Single-pass mean, sigma, their standard errors, and extremes."""
+"""Single-pass mean and sigma of an outcome, their standard errors, and its extremes."""
 
 from typing import NamedTuple
 
@@ -8,9 +8,13 @@ from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 
 
 class Group(NamedTuple):
-    """Moments of a group of ``n`` values: extremes with their cases, sum of the ``infinite``
-    values, and of the ``finite`` ones the mean and the sums of powers 2 to 4 of the deviations over
-    ``scale``."""
+    """Moments of a group of ``n`` values of an outcome.
+
+    ``case_min`` and ``case_max`` are the first cases with the extremes ``min_value`` and
+    ``max_value``; ``infinite`` is the sum of the infinite values. ``finite`` is the number of
+    finite values, ``mean`` their mean, and ``powers`` the sums of the second, third and fourth
+    powers of their deviations from it, in units of ``scale`` (their range, if not 0).
+    """
 
     n: int
     min_value: float
@@ -47,20 +51,22 @@ class Group(NamedTuple):
 
 
 class GroupList(list[Group]):
-    """Groups of one outcome for `Moments` to merge in order."""
+    """Groups of values of one outcome, to be merged into a `Moments` in this order."""
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Append a group, as `Moments.add` would merge it."""
+        """Append the group of values (n,) without NaN and their case numbers (n,), in increasing
+        order; nothing if there are no values."""
         if x.size:
             self.append(Group.of(x, numbers))
 
 
 class Moments:
-    """First four moments and extremes of one outcome, with the cases of the extremes.
+    """Accumulator of the first four moments and of the extremes of one outcome, with their cases.
 
     Sums of powers are taken about the mean of each group and merged (Pebay, SAND2008-6212), in
     units of the first group's range: no digits are lost where the mean is large compared with
-    sigma, and the fourth power neither overflows nor underflows. Equal groups give equal bits.
+    sigma, and the fourth power neither overflows nor underflows. The same groups in the same order
+    give the same bits.
     """
 
     def __init__(self) -> None:
@@ -73,12 +79,13 @@ class Moments:
         self._scale = self._mean = self._m2 = self._m3 = self._m4 = 0.0
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Add a group of values (n,) without NaN, and their case numbers in increasing order."""
+        """Add a group of values (n,) without NaN and their case numbers (n,), in increasing order
+        and above those already added."""
         if x.size:
             self.merge(Group.of(x, numbers))
 
     def merge(self, group: Group) -> None:
-        """Add the sums of a group of cases whose numbers follow those already added."""
+        """Add a group, whose case numbers must be above those already added."""
         self.n += group.n
         if group.min_value < self.min_value or self.case_min < 0:
             self.min_value, self.case_min = group.min_value, group.case_min
@@ -96,7 +103,8 @@ class Moments:
         )
 
     def _combine(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
-        """Combine moments by equations (3.1) of Pebay."""
+        """Add ``n`` finite values with their mean and the sums of powers 2 to 4 of the deviations
+        from it, in units of ``_scale``, by equations (3.1) of Pebay."""
         a, both = self._count, self._count + n
         if a == 0:
             self._count, self._mean, self._m2, self._m3, self._m4 = n, mean, m2, m3, m4
@@ -117,16 +125,17 @@ class Moments:
         )
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         set_scalars(self, next(arrays))
 
     def row(self) -> dict[str, float]:
-        """Return n, mean, sigma, min, max, mean_se, sigma_se, case_min and case_max; see
-        `sepmc.analysis.statistics.statistics`."""
+        """Return n, mean, sigma, min, max, mean_se, sigma_se, case_min and case_max by these names,
+        as in the table of `sepmc.analysis.statistics.statistics`. Numbers that the values do not
+        determine (such as a sigma of one value) are absent."""
         if self.n == 0:
             return {"n": 0}
         row = {

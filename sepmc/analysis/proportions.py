@@ -1,13 +1,12 @@
 """Exact binomial inference: intervals of probabilities, requirement tests, ranks of percentiles.
 
-A requirement states that a fraction of all cases satisfies it, with a confidence whose complement
-is the consumer risk. Method: Hanson and Beard, NASA/TP-2010-216447, sections 3 and 4; intervals:
-Clopper and Pearson, Biometrika 26 (1934) 404; differences of two probabilities: Newcombe,
-Statistics in Medicine 17 (1998) 873 and 2635.
+A requirement states that at least a given fraction of all possible cases satisfies it; the
+confidence with which this must be shown is 1 minus the consumer risk. Method: Hanson and Beard,
+NASA/TP-2010-216447, sections 3 and 4; intervals: Clopper and Pearson, Biometrika 26 (1934) 404;
+differences of two probabilities: Newcombe, Statistics in Medicine 17 (1998) 873 and 2635.
 
 `scipy.stats.binomtest` finds the same intervals by root search, to 1e-5 and 20 times slower, and
-`quantile_test` the same ranks from the values; both import scipy.stats (1 s), which no plain run
-needs.
+`quantile_test` the same ranks from the values; both import scipy.stats, which takes 1 s.
 """
 
 import math
@@ -19,14 +18,14 @@ CONFIDENCE = 0.95  # of printed intervals, unless a requirement sets its own
 
 
 def raised(confidence: float, looks: int) -> float:
-    """Confidence of each of some looks, so that all together are wrong no more often than one at
-    ``confidence`` (Bonferroni)."""
+    """Return the confidence that each of ``looks`` intervals needs for all of them together to be
+    right with the probability ``confidence`` (Bonferroni)."""
     return 1.0 - (1.0 - confidence) / looks
 
 
 def binomial_cdf(k: int, n: int, p: float) -> float:
-    """Return BinCDF(k; n, p), the probability of at most k successes in n trials of probability
-    p."""
+    """Return BinCDF(k; n, p), the probability of at most k successes in n trials, each of which
+    succeeds with probability p."""
     from scipy.special import betainc  # noqa: PLC0415  (0.6 s, which most runs do not need)
 
     return 1.0 if k >= n else float(betainc(n - k, k + 1.0, 1.0 - p))
@@ -57,12 +56,13 @@ def difference_interval(k_one: int, n_one: int, k_two: int, n_two: int) -> tuple
     Parameters
     ----------
     k_one, n_one, k_two, n_two : int
-        Successes and trials of either sample.
+        Successes and trials of the first and of the second sample.
 
     Returns
     -------
     low, high : float
-        Coverage at least 94 % from ten trials each, 92.5 % from five (all tables enumerated).
+        Newcombe's interval. Its coverage is at least 94 % from ten trials each and 92.5 % from five
+        (all 2 x 2 tables enumerated).
     """
     return _newcombe_interval((k_two, n_two), (k_one, n_one), 0.0)
 
@@ -73,13 +73,13 @@ def paired_interval(second_only: int, first_only: int, n: int) -> tuple[float, f
     Parameters
     ----------
     second_only, first_only, n : int
-        Pairs with a success in the second trial only, in the first only, and all pairs.
+        Pairs of trials with a success in the second trial only, in the first only, and all pairs.
 
     Returns
     -------
     low, high : float
-        Excludes 0 only if McNemar's exact test rejects equality at 5 %. Coverage at least 95 % from
-        three pairs (all tables enumerated).
+        The interval excludes 0 only if McNemar's exact test rejects equality at 5 %. Its coverage
+        is at least 95 % from three pairs on (all 2 x 2 tables enumerated).
     """
     p, q, discordant = second_only / n, first_only / n, second_only + first_only
     rest = (1.0 - p) * (1.0 - q)
@@ -99,7 +99,8 @@ def _newcombe_interval(
     one: tuple[int, int], two: tuple[int, int], correlation: float
 ) -> tuple[float, float]:
     """Return the 95 % interval of the first minus the second probability, by Newcombe's
-    square-and-add method with the correlation of the two estimates."""
+    square-and-add method; ``one`` and ``two`` are (successes, trials), ``correlation`` is that of
+    the two estimates."""
     (p, low, high), (q, min_end, max_end) = (
         (k / n, *binomial_interval(k, n)) for k, n in (one, two)
     )
@@ -111,8 +112,8 @@ def _newcombe_interval(
 
 
 def upper_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
-    """Return the one-sided upper confidence bound of a probability with k successes in n trials;
-    1 - (1 - confidence)^(1 / n) at k = 0."""
+    """Return the one-sided upper confidence bound of a probability with k successes in n trials (at
+    k = 0 it is 1 - (1 - confidence)^(1 / n))."""
     return _upper(k, n, 1.0 - confidence)
 
 
@@ -122,29 +123,32 @@ def lower_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
 
 
 def _lower(k: int, n: int, risk: float) -> float:
-    """Return the lower Clopper-Pearson bound at a one-sided ``risk``."""
+    """Return the lower Clopper-Pearson bound of a probability with k successes in n trials, which
+    exceeds the probability with at most the one-sided ``risk``."""
     from scipy.special import betaincinv  # noqa: PLC0415
 
     return 0.0 if k == 0 else float(betaincinv(k, n - k + 1, risk))
 
 
 def _upper(k: int, n: int, risk: float) -> float:
-    """Return the upper Clopper-Pearson bound at a one-sided ``risk``."""
+    """Return the upper Clopper-Pearson bound of a probability with k successes in n trials, which
+    is below the probability with at most the one-sided ``risk``."""
     from scipy.special import betaincinv  # noqa: PLC0415
 
     return 1.0 if k == n else float(betaincinv(k + 1, n - k, 1.0 - risk))
 
 
 def allowed_violations(n: int, probability: float, confidence: float) -> int:
-    """Return the largest number of violations with which n cases pass a requirement.
+    """Return the largest number of violating cases with which n cases pass a requirement.
 
     Parameters
     ----------
     n : int
-        Cases.
+        Cases run.
     probability : float, 0 < probability < 1
-        Required fraction of all cases.
+        Fraction of all possible cases that must satisfy the requirement.
     confidence : float, 0 < confidence < 1
+        Confidence with which this must be shown.
 
     Returns
     -------
@@ -160,11 +164,12 @@ def allowed_violations(n: int, probability: float, confidence: float) -> int:
 
 
 def required_cases(k: int, probability: float, confidence: float) -> int:
-    """Return the smallest number of cases that passes a requirement with k violations.
+    """Return the smallest number of cases that pass a requirement if k of them violate it.
 
     Parameters
     ----------
     k : int
+        Violating cases.
     probability, confidence : float
         As for `allowed_violations`.
 
@@ -186,24 +191,24 @@ def required_cases(k: int, probability: float, confidence: float) -> int:
 def design_rank(
     count: int, probability: float, confidence: float, upper: bool, missing: int = 0
 ) -> int | None:
-    """Return the rank of the design value: the order statistic that bounds the required fraction of
-    all cases with the confidence.
+    """Return the rank of the design value: the value of a case that, as the bound of a requirement,
+    the cases would just pass.
 
     Parameters
     ----------
     count : int
-        Values.
+        Number of cases with a value.
     probability, confidence : float
         As for `allowed_violations`.
     upper : bool
-        True if large values violate.
+        True if values above the bound violate, False if values below it do.
     missing : int
         Further cases without a value, counted as worse than all values.
 
     Returns
     -------
     int or None
-        Index into the sorted values; None if they are too few.
+        Index into the values in increasing order; None if there are too few cases.
     """
     allowed_worse = allowed_violations(count + missing, probability, confidence) - missing
     if not 0 <= allowed_worse < count:
@@ -212,27 +217,30 @@ def design_rank(
 
 
 def order_statistics(values: np.ndarray, ranks: np.ndarray) -> np.ndarray:
-    """Return the order statistics of values (n,) at zero-based ranks (k,)."""
+    """Return the values (k,) at zero-based ranks (k,) in the increasing order of values (n,), which
+    need not be sorted."""
     return np.partition(values, ranks)[ranks]
 
 
 @lru_cache(maxsize=256)
 def percentile_ranks(n: int, probability: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
-    """Return the ranks of the two order statistics that bound a percentile.
+    """Return the ranks of the two sample values that bound a percentile of the population.
 
     Parameters
     ----------
     n : int
-        Values.
+        Number of values in the sample.
     probability : float, 0 < probability < 1
         The percentile as a fraction.
     confidence : float
+        Probability that the percentile lies between the two values.
 
     Returns
     -------
     low, high : int
-        Zero-based ranks; each side is missed with at most (1 - confidence) / 2 for any continuous
-        distribution. -1 and n where no such value exists.
+        Zero-based ranks. For any continuous distribution the percentile lies below the lower value,
+        or above the upper one, with a probability of at most (1 - confidence) / 2 each. -1 or n
+        where no value of the sample is such a bound.
     """
     risk = (1.0 - confidence) / 2.0
     return _last_rank_within(n, probability, risk), n - 1 - _last_rank_within(
@@ -241,8 +249,11 @@ def percentile_ranks(n: int, probability: float, confidence: float = CONFIDENCE)
 
 
 def _last_rank_within(n: int, probability: float, risk: float) -> int:
-    """Return the largest r with BinCDF(r; n, probability) <= risk, -1 if there is none; sums terms
-    about the mean in numpy, as every run needs it and scipy takes long to import."""
+    """Return the largest r with BinCDF(r; n, probability) <= risk, -1 if there is none.
+
+    It sums the terms near the mean with numpy, as every run needs it and scipy takes long to
+    import.
+    """
     half_window = 40.0 + 10.0 * math.sqrt(n * probability * (1.0 - probability))
     first, last = (
         max(0, int(n * probability - half_window)),

@@ -1,14 +1,14 @@
 """Quantiles and histograms of streamed values, in constant memory.
 
 The first `EXACT_VALUES` values are stored, and up to that number every result is exact. Then a grid
-of `BINS` equal bins is laid out over their central 99.9 % and a quarter of that range on either
-side, and values are counted in it. By Chebyshev's inequality the 0.05 % and 99.95 % points are
-within sqrt(2000) = 44.7 sigma of the mean, so a bin is never wider than 1.5 x 89.4 / 32768 = 0.41 %
-of the sigma of those values, and a quantile never off by more than a bin: for a normal distribution
-0.03 % of sigma. Values beyond the grid are counted in bins that grow with the distance from it, 64
-for each doubling.
+of `BINS` equal bins is laid out over the range of their central 99.9 % and a quarter of that range
+on either side, and these and all further values are counted in the bins. By Chebyshev's inequality
+the 0.05 % and 99.95 % points are within sqrt(2000) = 44.7 sigma of the mean, so a bin is never
+wider than 1.5 x 89.4 / 32768 = 0.41 % of the sigma of the first values (0.03 % for a normal
+distribution), and a quantile within the grid is never off by more than a bin. Values beyond the
+grid are counted in bins that grow with the distance from it, 64 for each doubling.
 
-The result depends on the order of the values alone, not on how they were grouped.
+Results depend on the values and their order, not on how they were grouped into calls.
 """
 
 from collections import Counter
@@ -29,8 +29,8 @@ _NO_GRID = np.empty(0)
 
 
 class QuantileSketch:
-    """Streamed values of one outcome, without NaN: stored up to `EXACT_VALUES`, from then on
-    counted in bins."""
+    """Accumulator of the values of one outcome, for quantiles and histograms: up to `EXACT_VALUES`
+    values are stored, from then on they are counted in bins. NaN is not allowed."""
 
     def __init__(self) -> None:
         self._buffer = np.empty(EXACT_VALUES)
@@ -38,7 +38,7 @@ class QuantileSketch:
         self._grid: _Grid | None = None
 
     def __getstate__(self) -> list[np.ndarray]:
-        """Return the state for pickling; its size is that of the values."""
+        """Return the state for pickling, without the empty part of the buffer."""
         return self.state()
 
     def __setstate__(self, state: list[np.ndarray]) -> None:
@@ -46,18 +46,18 @@ class QuantileSketch:
         self.restore(iter(state))
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [self._buffer[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         buffered = next(arrays)
         self._buffer[: len(buffered)], self._filled = buffered, len(buffered)
         grid_state = next(arrays)
         self._grid = _Grid.restored(grid_state, arrays) if len(grid_state) else None
 
     def add(self, values: np.ndarray) -> None:
-        """Add values (n,), none NaN, in the order of their cases."""
+        """Add values (n,) without NaN, in the order of their cases."""
         while values.size:
             count = min(EXACT_VALUES - self._filled, values.size)
             self._buffer[self._filled : self._filled + count] = values[:count]
@@ -67,7 +67,8 @@ class QuantileSketch:
                 self._count()
 
     def new_partial(self) -> "QuantileSketch | ValueList":
-        """Return an empty accumulator of other values, to `merge` later."""
+        """Return an empty accumulator for values of later cases, to pass to `merge`: a list while
+        this sketch has no grid of bins yet, else a sketch with the same bins."""
         if self._grid is None:
             return ValueList()
         empty = QuantileSketch()
@@ -75,7 +76,8 @@ class QuantileSketch:
         return empty
 
     def merge(self, others: "QuantileSketch | ValueList") -> None:
-        """Add the values of a `new_partial`, whose cases follow."""
+        """Add the values of an accumulator that `new_partial` returned; its cases must follow those
+        already added."""
         if isinstance(others, ValueList):
             for values in others:
                 self.add(values)
@@ -87,8 +89,8 @@ class QuantileSketch:
         self._grid.merge(others._grid)
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
-        """Return sample percentiles, linear between order statistics as `numpy.percentile`; NaN
-        without values."""
+        """Return the percentiles of the values at ``percents`` (0 to 100), linear between sorted
+        values as `numpy.percentile`; NaN without values."""
         if self._grid is None:
             x = self._buffer[: self._filled]
             with np.errstate(invalid="ignore"):  # NaN between two infinities
@@ -104,21 +106,23 @@ class QuantileSketch:
             return np.where(lower == upper, lower, lower + (position - rank) * (upper - lower))
 
     def ranked(self, ranks: np.ndarray) -> np.ndarray:
-        """Return the order statistics at zero-based ranks (k,)."""
+        """Return the values (k,) at zero-based ranks (k,) in increasing order."""
         if self._grid is None:
             return order_statistics(self._buffer[: self._filled], ranks)
         self._count()
         return self._grid.ranked(ranks)
 
     def histogram(self, edges: np.ndarray) -> np.ndarray:
-        """Return the counts (n,) between increasing edges (n + 1,); the last bin is closed."""
+        """Return the numbers (n,) of values between increasing edges (n + 1,), as floats; a value
+        at an edge counts above it, at the last edge below it."""
         if self._grid is None:
             return np.histogram(self._buffer[: self._filled], edges)[0].astype(float)
         self._count()
         return np.diff(self._grid.counts_below(edges))
 
     def _count(self) -> None:
-        """Move the buffered values into the grid."""
+        """Count the buffered values in the grid, which the first call lays out, and empty the
+        buffer."""
         x, self._filled = self._buffer[: self._filled], 0
         if self._grid is None:
             self._grid = _Grid(x)
@@ -126,16 +130,18 @@ class QuantileSketch:
 
 
 class ValueList(list[np.ndarray]):
-    """Values of cases to `QuantileSketch.merge`, as arrays in the order they were added."""
+    """List of arrays of values, in the order they were added, for `QuantileSketch.merge`."""
 
     def add(self, values: np.ndarray) -> None:
-        """Add values, as `QuantileSketch.add`."""
+        """Append a copy of values (n,) without NaN; nothing if there are none."""
         if values.size:
             self.append(values.copy())
 
 
 class _Grid:
-    """Equal bins over the bulk of a distribution, growing bins in its tails."""
+    """Counts of values in bins laid out for a ``sample``: equal bins over the bulk of the
+    distribution, growing bins in its tails. A value that is frequent in the sample is an atom, and
+    is reported exactly."""
 
     def __init__(self, sample: np.ndarray):
         x = np.sort(sample[np.isfinite(sample)])
@@ -159,7 +165,7 @@ class _Grid:
         self.n, self.min_value, self.max_value = 0, np.inf, -np.inf
 
     def state(self) -> list[np.ndarray]:
-        """Return the state for `restored`; only the counts that are not zero."""
+        """Return the state as arrays for `restored`, without counts that are zero."""
         occupied = np.flatnonzero(self.counts)
         tails = [np.array(list(tail.items()), dtype=float).ravel() for tail in self.tails]
         infinite = np.array(self.infinite, dtype=float)
@@ -168,7 +174,8 @@ class _Grid:
 
     @classmethod
     def restored(cls, numbers: np.ndarray, arrays: Arrays) -> "_Grid":
-        """Load a grid from the arrays of its `state`; ``numbers`` is the first."""
+        """Return a grid from the arrays of its `state`: ``numbers`` is the first of them, and
+        ``arrays`` yields the others."""
         grid = cls(np.zeros(1))
         set_scalars(grid, numbers)
         grid.infinite = [int(count) for count in next(arrays).tolist()]
@@ -180,7 +187,7 @@ class _Grid:
         return grid
 
     def count(self, x: np.ndarray) -> None:
-        """Count values (n,)."""
+        """Count values (n,) in their bins; infinite ones are counted by sign."""
         if not x.size:
             return
         self.n += x.size
@@ -202,7 +209,7 @@ class _Grid:
         self.counts += np.bincount(bins, minlength=BINS)
 
     def empty(self) -> "_Grid":
-        """Return the same grid without values."""
+        """Return a grid with the same bins and no values."""
         grid = copy(self)
         grid.counts = np.zeros(BINS, dtype=np.int64)
         grid.tails, grid.infinite = (Counter(), Counter()), [0, 0]
@@ -210,7 +217,7 @@ class _Grid:
         return grid
 
     def merge(self, other: "_Grid") -> None:
-        """Add the counts of the same grid."""
+        """Add the counts of another grid that has the same bins."""
         self.n += other.n
         self.counts += other.counts
         for own, others in zip(self.tails, other.tails, strict=True):
@@ -220,15 +227,16 @@ class _Grid:
         self.max_value = max(self.max_value, other.max_value)
 
     def _count_tail(self, side: int, distance: np.ndarray) -> None:
-        """Count distances from the grid: bin k contains 2^(k/64) - 1 to 2^((k+1)/64) - 1 bin
+        """Count values beyond the grid, below it (``side`` 0) or above it (1), by their
+        ``distance`` (n,) from it: tail bin k is from 2^(k/64) - 1 to 2^((k+1)/64) - 1 bin
         widths."""
         octaves = np.log2(self.width + distance) - np.log2(self.width)  # a quotient could overflow
         keys, counts = np.unique((_OCTAVE * octaves).astype(np.int64), return_counts=True)
         self.tails[side].update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
 
     def bins(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return left and right edges of the occupied bins in increasing order, and their counts;
-        both edges are the value where the bin contains a point mass."""
+        """Return left edges, right edges and counts, each (m,), of the occupied bins in increasing
+        order; both edges of a bin that contains an atom are the atom's value."""
         occupied = np.flatnonzero(self.counts)
         parts = [
             (
@@ -258,7 +266,8 @@ class _Grid:
         return *edges, counts
 
     def ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Return values at ranks (r,), 0 to n - 1; values of one bin are spread evenly over it."""
+        """Return the values at ranks (r,), 0 to n - 1, in increasing order; the values counted in a
+        bin are taken as spread evenly over it."""
         left, right, counts = self.bins()
         minus, plus = self.infinite
         result = np.where(rank < minus, -np.inf, np.inf)
@@ -273,8 +282,9 @@ class _Grid:
         return result
 
     def counts_below(self, edges: np.ndarray) -> np.ndarray:
-        """Return the number of finite values below each of increasing edges, spread evenly over
-        their bins; a last edge at the largest value counts all."""
+        """Return the numbers (m,) of finite values below increasing edges (m,), as if the values
+        counted in a bin were spread evenly over it; a last edge at the largest value or above
+        counts all."""
         left, right, counts = self.bins()
         # a value at an edge is not below it
         right = np.where(left == right, np.nextafter(right, np.inf), right)

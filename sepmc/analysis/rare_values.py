@@ -1,8 +1,8 @@
-"""Occurrences of rare values: a sample with too few of them shows nothing of their effect.
+"""Counts of rare values of inputs: too few occurrences in a sample show nothing of their effect.
 
-Counted are the values of discrete distributions and, for two correlated ones, the pairs that the
-correlation makes more probable than independence. Less probable pairs are not counted: their
-probability is given by no file, like that of pairs of independent parameters.
+Counted are the values of discrete distributions, such as a failure that occurs or not, and the
+pairs of values of two correlated discrete distributions that the correlation makes more probable
+than independence would. Other pairs are not counted, as no file states their probability.
 """
 
 import math
@@ -35,13 +35,16 @@ class RareValue:
     Parameters
     ----------
     name : str
+        Text ``key = value``, or two of these joined by ``with``.
     indices : tuple of int
-        Indices of its parameters among all dispersed ones.
+        Index of the dispersed parameter of each value.
     values : tuple of float
-        In the units of the keys.
+        One value or two, in the units of the keys.
     probability : float
+        Probability of the value, or of both together, in a case.
     min_count : int
-        Required occurrences: `MIN_OCCURRENCES`, or those in a table of samples if fewer.
+        Required occurrences in a sample: `MIN_OCCURRENCES`, or the number of rows with the value in
+        a table of samples if that is smaller.
     """
 
     name: str
@@ -52,12 +55,12 @@ class RareValue:
 
     @property
     def cases(self) -> int:
-        """Expected number of cases until ``min_count`` occurrences."""
+        """Number of cases in which ``min_count`` occurrences are expected."""
         return math.ceil(self.min_count / self.probability)
 
 
 class Occurrence(NamedTuple):
-    """Number of ``times`` a rare value occurred among ``cases``."""
+    """Number of ``times`` that the rare value ``of`` occurred in a number of ``cases``."""
 
     of: RareValue
     times: int
@@ -67,20 +70,21 @@ class Occurrence(NamedTuple):
 def rare_values(
     dispersions: Sequence[Dispersion], copulas: Sequence[Copula] = ()
 ) -> tuple[RareValue, ...]:
-    """List the values of discrete distributions, and the pairs of values of correlated ones, that a
+    """List the values of discrete distributions, and pairs of values of two correlated ones, that a
     sample may lack.
 
     Parameters
     ----------
     dispersions : sequence of Dispersion
+        All dispersed parameters.
     copulas : sequence of Copula
         Correlations of the dispersions.
 
     Returns
     -------
     tuple of RareValue
-        Values of probability below 1, then pairs that the correlation makes more probable than
-        independence.
+        Every value of a probability below 1, then the pairs that the correlation makes more
+        probable than independence would.
     """
     discrete = [each if each.distribution == "discrete" else None for each in dispersions]
     result = [
@@ -112,7 +116,8 @@ def rare_values(
 
 
 def _probabilities(dispersion: Dispersion) -> dict[float, float]:
-    """Return the probability of each value of a discrete distribution, in the order of the file."""
+    """Return the probability of each value of a discrete distribution, by value, in the order of
+    the file; values of weight 0 are left out."""
     result: dict[float, float] = {}
     for value, weight in zip(dispersion.numbers, dispersion.weights, strict=True):
         if weight > 0.0:
@@ -121,7 +126,8 @@ def _probabilities(dispersion: Dispersion) -> dict[float, float]:
 
 
 def _required_count(dispersion: Dispersion, probability: float) -> int:
-    """Return the required occurrences of a value; no more than its rows in a table of samples."""
+    """Return the required occurrences of a value: `MIN_OCCURRENCES`, or fewer if the distribution
+    is a column of a table in which fewer rows have the value."""
     in_table = round(probability * sum(dispersion.weights)) if dispersion.column else np.inf
     return int(min(MIN_OCCURRENCES, in_table))
 
@@ -129,8 +135,9 @@ def _required_count(dispersion: Dispersion, probability: float) -> int:
 def _pairs(
     first: Dispersion, second: Dispersion, correlation: float
 ) -> Iterator[tuple[tuple[float, float], float]]:
-    """Yield pairs of values of two discrete distributions, and their probability, where it exceeds
-    that of independent parameters; ``correlation`` is that of the normal scores."""
+    """Yield ((first value, second value), probability) for each pair of values of two discrete
+    distributions that is more probable than if they were independent; ``correlation`` is that of
+    their normal scores."""
     from scipy.special import ndtri  # noqa: PLC0415  (0.1 s that most files do not need)
 
     edges = [np.cumsum(each.weights) / np.sum(each.weights) for each in (first, second)]
@@ -150,9 +157,12 @@ def _pairs(
 
 
 def _bivariate_normal_cdf(h: np.ndarray, k: np.ndarray, correlation: float) -> np.ndarray:
-    """Return P(X < h, Y < k) of standard normal X, Y with a correlation (Plackett, Biometrika 41,
-    1954: the derivative by the correlation is the density, integrated over the arc sine of the
-    correlation)."""
+    """Return P(X < h, Y < k) of standard normal X and Y with a correlation, in the broadcast shape
+    of ``h`` and ``k``.
+
+    Its derivative by the correlation is the joint density (Plackett, Biometrika 41, 1954), which is
+    integrated over the arc sine of the correlation.
+    """
     from scipy.special import ndtr  # noqa: PLC0415
 
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
@@ -172,12 +182,13 @@ def count_values(values: Sequence[RareValue], inputs: np.ndarray) -> tuple[int, 
     ----------
     values : sequence of RareValue
     inputs : ndarray, shape (n, d)
-        In the units of the keys.
+        The d dispersed parameters of n cases, in the units of the keys.
 
     Returns
     -------
     tuple of int
-        Number of rows, then of those with each value; counts of several tables add up.
+        n, then for each of ``values`` the number of cases that have it. The tuples of several
+        tables of inputs can be added element by element.
     """
     single = {value.indices[0] for value in values if len(value.indices) == 1}
     counts = {
@@ -202,24 +213,27 @@ def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occu
     ----------
     values : sequence of RareValue
     counts : sequence of int
-        From `count_values`; empty for no cases.
+        From `count_values` for these values; empty if there are no cases yet.
 
     Returns
     -------
     list of Occurrence
+        One for each value, in their order.
     """
     cases, *times = counts or (0, *(0 for _ in values))
     return [Occurrence(value, k, cases) for value, k in zip(values, times, strict=True)]
 
 
 def undersampled(counted: Sequence[Occurrence]) -> list[Occurrence]:
-    """Return the occurrences below their required count, the most probable value first."""
+    """Return those of the ``counted`` values that occurred less often than required, the most
+    probable value first."""
     rare = [one for one in counted if one.times < one.of.min_count]
     return sorted(rare, key=lambda one: -one.of.probability)
 
 
 def render_undersampled(counted: Sequence[Occurrence]) -> list[str]:
-    """Return the warning that names undersampled values; empty if there is none."""
+    """Return a list of one warning, which names up to three undersampled values; an empty list if
+    there are none. A value that occurred and has a probability of 5 % or more does not count."""
     rare = [one for one in undersampled(counted) if not one.times or one.of.probability < _COMMON]
     if not rare:
         return []
@@ -229,8 +243,8 @@ def render_undersampled(counted: Sequence[Occurrence]) -> list[str]:
     )
     text = ", ".join([f"{first} of {rare[0].cases} cases", *others])
     n_more = len(rare) - _MAX_NAMED
-    more = f", and {n_more} more values as rarely" if n_more > 0 else ""
+    more = f", and {n_more} more values too rarely" if n_more > 0 else ""
     return [
         f"{text}{more}: statistics and intervals hardly show its effect; run more cases, or "
-        f"estimate a requirement by {option('rare')}"
+        f"estimate the probability to violate a requirement by {option('rare')}"
     ]

@@ -1,10 +1,11 @@
 """Verdicts on requirements from the cases of a campaign.
 
-A case violates a requirement if its outcome is beyond the bound. A case that did not finish, or has
-no such outcome, is unknown: it counts as a violation where the requirement is to be shown, and not
-where it is to be refuted. A requirement on `VIOLATION` is violated by a case that violates any
-other. Method: Hanson and Beard, NASA/TP-2010-216447: n cases pass if a just insufficient system has
-as few violations with a probability of at most 1 - confidence (`sepmc.analysis.proportions`).
+A case violates a requirement if its outcome is beyond a bound, or, for a requirement on a status,
+if it ended with that status. A case that did not finish, or has no such outcome, is unknown: it
+counts as a violation where the requirement is to be shown, and not where it is to be refuted. A
+case violates a requirement on `VIOLATION` if it violates any other requirement. Method: Hanson and
+Beard, NASA/TP-2010-216447: n cases pass if a just insufficient system has as few violations with a
+probability of at most 1 - confidence (`sepmc.analysis.proportions`).
 """
 
 import math
@@ -40,7 +41,8 @@ Errors = Mapping[str, tuple[float, float]]
 
 
 def required_bounds(requirements: Sequence[Requirement]) -> dict[str, list[float]]:
-    """Return the required bounds of each outcome."""
+    """Return, by outcome, the list of all lower and upper bounds that requirements set on it, in
+    its unit; the list is empty for a status."""
     bounds: dict[str, list[float]] = {}
     for item in requirements:
         own = [bound for bound in (item.at_least, item.at_most) if bound is not None]
@@ -49,9 +51,10 @@ def required_bounds(requirements: Sequence[Requirement]) -> dict[str, list[float
 
 
 class RequirementCounter:
-    """Accumulator of the cases that violate a requirement, added in case order.
+    """Accumulator that counts the cases that violate a requirement; cases are added in case order.
 
     ``cases``, ``violations`` (unknown cases included) and ``missing`` (unknown cases) are counts.
+    Unknown cases did not finish or do not have the outcome.
     """
 
     def __init__(self, requirement: Requirement):
@@ -66,22 +69,23 @@ class RequirementCounter:
     def add(
         self, numbers: np.ndarray, ok: np.ndarray, values: np.ndarray | None, has_status: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Count cases.
+        """Count n further cases.
 
         Parameters
         ----------
         numbers : ndarray, shape (n,), int
             Case numbers.
         ok : ndarray, shape (n,), bool
-            Cases that finished.
+            True for cases that finished.
         values : ndarray, shape (n,), optional
-            The outcome; None if the requirement is on a status.
+            The outcome in each case; None if the requirement is on a status.
         has_status : ndarray, shape (n,), bool
-            Cases with that status.
+            For a requirement on a status, True for cases that ended with it; else unused.
 
         Returns
         -------
         violates, unknown : ndarray, shape (n,), bool
+            Masks of cases that certainly violate, and of unknown ones; no case is in both.
         """
         self.cases += len(numbers)
         if values is None:
@@ -99,24 +103,26 @@ class RequirementCounter:
         return counted
 
     def _keep_near(self, margin: np.ndarray) -> None:
-        """Store the margins nearest to the bound."""
+        """Add margins (n,) to the stored ones, of which the `_MAX_NEAR` nearest to the bound are
+        kept."""
         near = np.concatenate([self._near, margin])
         if len(near) > _MAX_NEAR:
             near = near[np.argpartition(np.abs(near), _MAX_NEAR)[:_MAX_NEAR]]
         self._near = near
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [scalars(self), np.array(self.worst), self._near]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)
 
     def merge(self, others: "RequirementCounter") -> None:
-        """Add the counts of cases that follow, from another counter of the same requirement."""
+        """Add the counts of another counter of the same requirement, whose cases follow those
+        already counted."""
         self.cases += others.cases
         self.violations += others.violations
         self.missing += others.missing
@@ -130,8 +136,9 @@ class RequirementCounter:
     def add_any(
         self, numbers: np.ndarray, counted: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> None:
-        """Count cases that violate any of the ``others``, from the masks that their `add`
-        returned."""
+        """Count cases for a requirement on `VIOLATION`: ``numbers`` (n,) are their case numbers,
+        ``counted`` the masks (violates, unknown) that `add` returned for each other
+        requirement."""
         self.cases += len(numbers)
         known, unknown = (np.any([masks[k] for masks in counted], axis=0) for k in (0, 1))
         self._count(numbers, known, unknown & ~known)
@@ -139,7 +146,8 @@ class RequirementCounter:
     def _count(
         self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Count masks (n,) of violating and unknown cases; return both."""
+        """Add the violating cases (mask ``known``) and the ``unknown`` ones to the counts; return
+        the two masks (n,) unchanged."""
         self.missing += int(np.count_nonzero(unknown))
         self.violations += int(np.count_nonzero(known | unknown))
         if self.first < 0 and known.any():
@@ -150,8 +158,11 @@ class RequirementCounter:
 
     @property
     def extreme(self) -> tuple[float, int]:
-        """Worst value and its case. For a requirement on a status, on an outcome that is 0 or 1, or
-        without any value: NaN and the first violating case, else the first unknown one, else -1."""
+        """Worst value of the outcome and the number of its case.
+
+        For a requirement on a status, on a yes-or-no outcome or on `VIOLATION`, and if no case has
+        a value: NaN and the first violating case, else the first unknown one, else -1.
+        """
         item = self.requirement
         on_status = item.at_least is item.at_most is None
         if on_status or is_yes_or_no(item.metric) or self.worst[1] < 0:
@@ -160,12 +171,14 @@ class RequirementCounter:
 
     @property
     def nearest(self) -> float:
-        """Smallest distance of a case from the bound; infinite if no case has the outcome."""
+        """Smallest distance of the outcome of a case from a bound, on either side, in the unit of
+        the outcome; infinite if no case has the outcome."""
         return float(np.abs(self._near).min(initial=math.inf))
 
     def in_doubt(self, error: float) -> tuple[int, int] | None:
-        """Return the smallest and largest number of violations if outcomes are off by up to
-        ``error``, in the unit of the outcome; None if too many cases are so near to the bound."""
+        """Return the smallest and the largest number of violations that are possible if outcomes
+        are wrong by up to ``error``, in their unit; None if `_MAX_NEAR` or more cases are that near
+        to the bound."""
         near = self._near[np.abs(self._near) < error]
         if len(near) == _MAX_NEAR:
             return None
@@ -174,7 +187,7 @@ class RequirementCounter:
 
 
 def requirement_counters(requirements: Sequence[Requirement]) -> list[RequirementCounter]:
-    """Return a counter for each requirement, in their order."""
+    """Return an empty counter for each requirement, in their order."""
     counters = [RequirementCounter(item) for item in requirements]
     for counter in counters:
         if counter.requirement.metric == VIOLATION:
@@ -189,17 +202,18 @@ def count_cases(
     values: Callable[[str], np.ndarray | None],
     has_status: Callable[[str], np.ndarray],
 ) -> None:
-    """Count cases in all counters.
+    """Count n further cases in all counters.
 
     Parameters
     ----------
     counters : sequence of RequirementCounter
+        All of a campaign, from `requirement_counters`.
     numbers, ok
         As for `RequirementCounter.add`.
     values : callable
-        Returns an outcome (n,) by name, None for a status.
+        Returns the outcome (n,) of a name, None for the name of a status.
     has_status : callable
-        Returns the mask (n,) of cases with a status.
+        Returns the mask (n,) of cases that ended with the status of a name.
     """
     masks = [
         counter.add(
@@ -219,17 +233,19 @@ def has_two_bounds(requirement: "Requirement | Verdict") -> bool:
 
 
 def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
-    """Return the distances of values from the nearer bound.
+    """Return the margins of an outcome: its signed distances from the nearer bound.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
+        The outcome.
     requirement : Requirement or Verdict
+        Its bounds are used; a missing bound is never the nearer one.
 
     Returns
     -------
     ndarray, shape (n,)
-        Negative beyond the bound, NaN of NaN.
+        In the unit of the outcome; negative where a bound is violated, NaN where the value is NaN.
     """
     low, high = requirement.at_least, requirement.at_most
     below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)
@@ -240,14 +256,20 @@ def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndar
 def violation_masks(
     requirement: Requirement, cases: Mapping[str, Any], others: Sequence[Requirement] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the masks (n_cases,) of violating cases and of cases with a known result.
+    """Return the masks of cases that violate a requirement and of cases with a known result.
 
     Parameters
     ----------
     requirement : Requirement
-    cases : mapping of name to column
+    cases : mapping of name to column, shape (n_cases,)
     others : sequence of Requirement
-        Requirements that one on `VIOLATION` combines.
+        All requirements of the campaign; used only for one on `VIOLATION`, which combines them.
+
+    Returns
+    -------
+    violates, known : ndarray, shape (n_cases,), bool
+        ``violates`` has a meaning only where ``known`` is True: a case that did not finish may have
+        a value beyond the bound.
     """
     if requirement.metric == VIOLATION:
         masks = [violation_masks(item, cases) for item in others if item.metric != VIOLATION]
@@ -268,31 +290,38 @@ class Verdict:
 
     Parameters
     ----------
+    name, metric, at_least, at_most, probability, confidence
+        As in the requirement: name, outcome or status, bounds (None: no such bound), required
+        fraction of all cases, and confidence.
     verdict : str
-        ``pass``; ``fail``: refuted with the same confidence; ``not shown``: neither;
-        ``no verdict``: see ``why``.
+        ``pass``: shown with the confidence; ``fail``: refuted with the confidence; ``not shown``:
+        neither; ``no verdict``: see ``why``.
     why : str
         Reason if there is no verdict, else empty.
     cases, violations, allowed : int
-        Cases, violations among them, and allowed violations (-1: too few cases).
+        Cases, violations among them (unknown cases included), and allowed violations (-1: too few
+        cases to pass).
     missing, lacking : int
-        Unknown cases, which did not finish or have no such outcome; those of them that finished.
+        Unknown cases, which did not finish or do not have the outcome; those of them that finished.
     more : int
-        Further cases without a violation that would pass; 0 if it passes.
+        Further cases, none of them violating, with which the requirement would pass; 0 if
+        ``violations`` is at most ``allowed``.
     share_low, share_high : float
-        95 % Clopper-Pearson interval of the violation probability, with none and all of the unknown
-        cases counted as violations.
+        95 % Clopper-Pearson interval of the violation probability: its lower end with none, its
+        upper end with all of the unknown cases counted as violations.
     share_at_least, share_at_most : float
-        One-sided bounds of the violation probability, with the confidence of the requirement.
+        One-sided bounds of the violation probability, each with the confidence of the requirement,
+        with none and with all of the unknown cases counted as violations.
     design_value : float, optional
-        Order statistic that bounds the required fraction of all cases with the confidence; for two
-        bounds of the margin to the nearer one, negative beyond it. None for too few cases.
+        Value that bounds the required fraction of all cases with the confidence, in the unit of the
+        outcome; with two bounds, such a value of the margin to the nearer one, negative beyond it.
+        None for a status and for too few cases.
     worst, worst_case : float, int, optional
-        Worst outcome and its case; for a status, a yes-or-no outcome or `VIOLATION` None and the
-        first violating case.
+        Worst value of the outcome and its case; for a status, a yes-or-no outcome or `VIOLATION`
+        None and the first violating case (the first unknown one if none violates).
     nearest, error : float, optional
-        Smallest distance of a case from the bound, and the numerical error there; None for
-        `VIOLATION`.
+        Smallest distance of a case from the bound, and the numerical error there; None where there
+        is none, as for `VIOLATION`.
     """
 
     name: str
@@ -320,23 +349,25 @@ class Verdict:
     lacking: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields by name."""
+        """Return all fields as a dict by name."""
         return asdict(self)
 
 
 def design_value(
     counter: RequirementCounter, count: int, at_ranks: Callable[[np.ndarray], np.ndarray]
 ) -> float:
-    """Return the order statistic that bounds the required fraction of all cases with the required
-    confidence.
+    """Return the design value of a requirement: the value of a case that bounds the required
+    fraction of all cases with the required confidence.
 
     Parameters
     ----------
     counter : RequirementCounter
+        Counter of all cases.
     count : int
-        How many values the outcome has.
+        Number of cases that have the outcome.
     at_ranks : callable
-        Returns the values, or their `margins` for two bounds, at sorted zero-based ranks.
+        Maps zero-based ranks (k,) to the values of these ranks in increasing order; with two bounds
+        to their `margins` instead.
 
     Returns
     -------
@@ -353,9 +384,10 @@ def design_value(
 
 
 def no_verdict_reason(audit_failed: bool, sampler: str) -> str:
-    """Return why the cases of a run allow no verdict at all; empty if they do."""
+    """Return the reason why the cases of a run allow no verdict on any requirement; an empty string
+    if they allow verdicts. ``sampler`` is the value of ``run.sampler``."""
     if audit_failed:
-        return "the audit failed"
+        return "the audit failed: some ok cases are beyond the bound of an audit column"
     if sampler != "random":
         return (
             f"cases of run.sampler = {sampler!r} are not independent, so no confidence "
@@ -382,9 +414,9 @@ def judge(
     design_value : float
         See `design_value`; NaN if there is none.
     reason : str
-        Why there can be no verdict, see `no_verdict_reason`.
+        Reason why there can be no verdict, from `no_verdict_reason`; else empty.
     lacking : int
-        Cases that finished without the outcome.
+        Number of cases that finished and do not have the outcome.
     """
     item, n, k = counter.requirement, counter.cases, counter.violations
     allowed = allowed_violations(n, item.probability, item.confidence) if n else -1
@@ -420,14 +452,17 @@ def judge(
 
 
 def brief_verdict(counter: RequirementCounter, errors: Errors, reason: str = "") -> str:
-    """Return only ``verdict`` of `judge`, which takes the same arguments: 20 times as fast."""
+    """Return only the field ``verdict`` of the `Verdict` that `judge` would return, 20 times as
+    fast; arguments as for `judge`."""
     return _verdict(counter, _with_errors(counter, errors), reason)[0]
 
 
 def _with_errors(
     counter: RequirementCounter, errors: Errors
 ) -> list[tuple[RequirementCounter, float]]:
-    """Return the counters that a verdict depends on, with the numerical error at their bounds."""
+    """Return (counter, numerical error at its bound) for each counter that a verdict depends on:
+    ``counter`` itself, or for `VIOLATION` those of the other requirements. The error is in the unit
+    of the outcome."""
     # requirements on the same bound count once
     distinct = {
         (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one
@@ -437,12 +472,13 @@ def _with_errors(
 
 
 def _known(number: float) -> float | None:
-    """Return a finite number, else None."""
+    """Return a number if it is finite, else None."""
     return number if math.isfinite(number) else None
 
 
 def _error_at(item: Requirement, errors: Errors) -> float:
-    """Return the numerical error of an outcome at its bound, in its unit; NaN if unknown."""
+    """Return the numerical error of a requirement's outcome at its bound (of two, the larger in
+    size), in the unit of the outcome: 0 for a status or a yes-or-no outcome, NaN if unknown."""
     bounds = [abs(bound) for bound in (item.at_least, item.at_most) if bound is not None]
     if not bounds or is_yes_or_no(item.metric):
         return 0.0
@@ -453,8 +489,8 @@ def _error_at(item: Requirement, errors: Errors) -> float:
 def _verdict(
     counter: RequirementCounter, bounded: Sequence[tuple[RequirementCounter, float]], reason: str
 ) -> tuple[str, str]:
-    """Return ``verdict`` and ``why`` of `Verdict`; ``bounded`` are counters with the numerical
-    errors at their bounds, ``reason`` that of the caller to give no verdict."""
+    """Return the fields ``verdict`` and ``why`` of `Verdict`: ``bounded`` is from `_with_errors`;
+    if ``reason`` is not empty, it is the reason for no verdict."""
     item, n = counter.requirement, counter.cases
     if not n:
         return NONE, "no case was run"
@@ -487,7 +523,8 @@ def _verdict(
 
 
 def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
-    """Return the verdict for k violations in n cases, ``missing`` of them unknown."""
+    """Return `PASS`, `FAIL` or `NOT_SHOWN` on requirement ``item`` for k violations in n cases;
+    ``missing`` of the violations are unknown cases."""
     if k <= allowed_violations(n, item.probability, item.confidence):
         return PASS
     # probability of as many known violations in a system that just satisfies the requirement
@@ -499,7 +536,8 @@ def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
-    """Tabulate verdicts by the name of their requirement."""
+    """Return a table with a row per verdict, indexed by the name of its requirement; its columns
+    are the other fields of `Verdict`."""
     names = [field.name for field in fields(Verdict)]
     rows = [verdict.to_dict() for verdict in verdicts]
     return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")

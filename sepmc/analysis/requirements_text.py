@@ -18,16 +18,16 @@ def render_verdicts(
     width: int = WIDTH,
     population: str = ALL_CASES,
 ) -> str:
-    """Render verdicts as text.
+    """Render verdicts as text: the head ``requirements``, then a few lines for each.
 
     Parameters
     ----------
     verdicts : sequence of Verdict
     units : mapping of outcome to unit
     width : int
-        Characters in a line.
+        Largest number of characters in a line.
     population : str
-        Name of the cases that the verdicts refer to.
+        Name of the cases that the verdicts refer to; not `ALL_CASES` if a filter selected them.
 
     Returns
     -------
@@ -38,16 +38,16 @@ def render_verdicts(
 
 
 def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
-    """Return a sentence on how many more of the cases chosen by a filter, without a violation,
-    would show the requirements that are not shown; empty if there are none."""
+    """Return a sentence for verdicts on the cases that a filter selects: how many more of them,
+    none violating, would show the requirements that are not shown. Empty if there are none."""
     pending = [v for v in verdicts if v.verdict == NOT_SHOWN]
     if not pending:
         return ""
     most = max(v.more for v in pending)
     subject = pending[0].name if len(pending) == 1 else f"{len(pending)} requirements"
     return (
-        f"{subject} not shown: {most} more such cases without a violation are needed; a campaign "
-        "with these inputs fixed (--set) runs such cases only"
+        f"{subject} not shown: {most} more such cases are needed, none of them a violation; a "
+        "campaign with the inputs of the filter fixed (--set) runs such cases only"
     )
 
 
@@ -60,13 +60,14 @@ def requirement_sentence(
     ----------
     item : Requirement or Verdict
     unit : str
-        Of its outcome.
+        Unit of its outcome; none is written for ``1`` and an empty string.
     population : str
         Name of the cases that it refers to.
 
     Returns
     -------
     str
+        As ``NAME: METRIC >= BOUND UNIT in 99 % of POPULATION, with 90 % confidence``.
     """
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"
@@ -83,7 +84,8 @@ def requirement_sentence(
 
 
 def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
-    """Render one verdict as indented lines."""
+    """Render one verdict as indented lines, of at most ``width`` characters; other arguments as for
+    `requirement_sentence`."""
     required, confidence = _percent(v.probability), _percent(v.confidence)
     lines = [
         requirement_sentence(v, unit, population),
@@ -115,7 +117,8 @@ def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
 
 
 def render_missing(v: Verdict) -> str:
-    """Render how many of the violating cases are unknown, and why: ``3 of them did not finish``."""
+    """Render how many of the violations of a verdict are unknown cases, and why they are unknown,
+    as ``3 of them did not finish``; empty if there are none."""
     ended = v.missing - v.lacking
     if v.metric == VIOLATION:
         unknown = {"did not finish or have no such outcome": v.missing}
@@ -127,8 +130,8 @@ def render_missing(v: Verdict) -> str:
 
 
 def _designed(v: Verdict, unit: str) -> str:
-    """Render the design value: as a bound of the outcome, or of its distance from the nearer of two
-    bounds."""
+    """Render the design value as a bound: of the outcome, such as ``>= 0.4 m/s``, or, for a
+    requirement with two bounds, of its distance from the nearer one."""
     value = v.design_value or 0.0
     if has_two_bounds(v):
         size = f"{_number(abs(value))}{_spaced(unit)}"
@@ -139,7 +142,8 @@ def _designed(v: Verdict, unit: str) -> str:
 
 
 def _violating(v: Verdict) -> str:
-    """Format the bound of the violation probability that supports the verdict."""
+    """Format the one-sided bound of the violation probability that supports the verdict: the lower
+    one (``> 0.02``) of a refuted requirement, else the upper one (``< 0.02``)."""
     return (
         f"> {format_proportion(v.share_at_least, math.floor)}"
         if v.verdict == FAIL
@@ -158,13 +162,14 @@ def _spaced(unit: str) -> str:
 
 
 def format_proportion(value: float, rounding: Callable[[float], int] = round) -> str:
-    """Format a proportion with two digits.
+    """Format a proportion with two significant digits.
 
     Parameters
     ----------
     value : float
+        0 to 1.
     rounding : callable
-        ``math.floor`` or ``math.ceil`` for a bound that must stay a bound.
+        ``math.floor`` or ``math.ceil`` to round down or up: a lower or upper bound stays a bound.
 
     Returns
     -------

@@ -23,18 +23,20 @@ _TESTS = {
 
 
 def filter_names(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
-    """Map the names a filter accepts to numeric columns.
+    """Map each name that a filter accepts to a numeric column of the case table.
 
     Parameters
     ----------
     dispersions : sequence of Dispersion
+        The dispersed parameters, which are inputs.
     columns : sequence of str
-        Of the case table.
+        Columns of the case table; ``status`` is left out.
 
     Returns
     -------
     dict of str to str
-        Column by column name, and by key and path of an input.
+        Column by accepted name: the column's own name, and for an input also its TOML path with its
+        unit (``initial.alpha_deg``) and without it (``initial.alpha``).
     """
     names = {name: name for name in columns if name != "status"}
     for dispersion in dispersions:
@@ -53,10 +55,13 @@ def matching_rows(
     Parameters
     ----------
     rows : mapping of column to values, shape (n,)
+        The case table.
     columns : mapping of accepted name to column
+        From `filter_names`.
     terms : sequence of str
-        Terms such as ``joint.pins.fails=1`` or ``initial.alpha_deg>5``, or alternatives joined by
-        ``or``. A pattern such as ``spring.*.fails=1`` is satisfied if any matching column is.
+        Each term is a comparison such as ``joint.pins.fails=1`` or ``initial.alpha_deg>5``, or
+        several of them joined by ``or``. A name with wildcards, as in ``spring.*.fails=1``, is
+        satisfied if any matching column is.
 
     Returns
     -------
@@ -65,7 +70,7 @@ def matching_rows(
     Raises
     ------
     InputError
-        If a term cannot be parsed, or matches no column.
+        If a term cannot be parsed, or a name in it matches no column.
     """
     mask = np.ones(len(rows["case"]), dtype=bool)
     for term in terms:
@@ -80,7 +85,7 @@ def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[st
 
     Parameters
     ----------
-    columns : mapping of str to str
+    columns : mapping of accepted name to column
         From `filter_names`.
     terms : sequence of str
         As for `matching_rows`.
@@ -88,7 +93,12 @@ def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[st
     Returns
     -------
     list of str
-        Columns that are not inputs.
+        Columns that are neither inputs nor the case number.
+
+    Raises
+    ------
+    InputError
+        As `matching_rows`.
     """
     parsed = [_read(columns, each, term) for term in terms for each in _OR.split(term)]
     names = dict.fromkeys(name for matches, _, _ in parsed for name in matches)
@@ -98,18 +108,22 @@ def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[st
 def _meets(
     rows: Mapping[str, np.ndarray], columns: Mapping[str, str], term: str, text: str
 ) -> np.ndarray:
-    """Return the mask (n,) of cases that satisfy one alternative of a term."""
+    """Return the mask (n,) of cases that satisfy the comparison ``term``; ``text`` is the whole
+    term that it is an alternative of, for messages."""
     names, test, number = _read(columns, term, text)
     return np.any([_TESTS[test](column(rows, name), number) for name in names], axis=0)
 
 
 def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], str, float]:
-    """Parse one alternative of a term into columns, comparison and number; ``text`` is the whole
-    term, for messages. Raises InputError."""
+    """Parse the comparison ``term``, one alternative of a term of a filter.
+
+    Return the matching columns, the operator (a key of `_TESTS`) and the number. ``text`` is the
+    whole term, for messages. Raises InputError if it cannot be parsed or matches no column.
+    """
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(
-            f"where = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
+            f"where = {text}: must be NAME=VALUE, or with !=, <, <=, > or >= in place of =; "
             "several with 'or' between them"
         )
     name, test, value = match.groups()
@@ -129,13 +143,15 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
 
 
 def _unit_left_out(name: str, columns: Mapping[str, str]) -> str:
-    """Return the unit of an input whose path is given without it, else an empty string."""
+    """Return the unit that an accepted ``name`` of an input leaves out, as ``deg`` for
+    ``initial.alpha``; an empty string for a name that leaves out none."""
     stem = "in_" + name.replace(".", "_").replace("-", "_") + "_"
     return columns[name].removeprefix(stem) if columns[name].startswith(stem) else ""
 
 
 def assumed_units(columns: Mapping[str, str], terms: Sequence[str]) -> list[str]:
-    """Return a sentence for each input whose unit the terms leave out."""
+    """Return a sentence, with the unit that is assumed, for each input that the terms of a filter
+    name without its unit; ``columns`` is from `filter_names`."""
     matches = [_TERM.fullmatch(match) for term in terms for match in _OR.split(term)]
     names = [name for match in matches if match for name in fnmatch.filter(columns, match[1])]
     units = {name: _unit_left_out(name, columns) for name in names}
@@ -147,6 +163,7 @@ def assumed_units(columns: Mapping[str, str], terms: Sequence[str]) -> list[str]
 
 
 def describe_filter(terms: Sequence[str]) -> str:
-    """Join the terms of a filter to one text."""
+    """Return the terms of a filter joined by ``and``; alternatives are put in parentheses if there
+    are several terms."""
     several = len(terms) > 1
     return " and ".join(f"({term})" if several and _OR.search(term) else term for term in terms)

@@ -1,4 +1,4 @@
-"""Statistics of cases whose rows are stored, column by column."""
+"""Statistics of a stored case table, computed from one column at a time."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
@@ -25,12 +25,12 @@ from sepmc.analysis.streaming import MAX_NAMED, StreamingStatistics
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
-# cases with exact percentiles, 4 MB a column; of more they are those of a `QuantileSketch`
+# largest number of cases with exact percentiles, 4 MB a column; above it they are from a sketch
 MAX_EXACT_CASES = 500_000
 
 
 def index_by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a table of cases indexed by case number."""
+    """Return a DataFrame of the columns, indexed by case number (column ``case``)."""
     table = pd.DataFrame(columns)
     table.index = pd.Index(table["case"].to_numpy())
     return table
@@ -43,8 +43,9 @@ class TableStatistics:
     ----------
     cases : mapping of name to column, shape (n_cases,)
     outcomes, audits : sequence of str
-        Names of its columns.
+        Names of the columns of outcomes and of audit columns.
     bounds : mapping of audit column to bound
+        Bounds beyond which a case fails the audit.
     requirements : sequence of Requirement
     """
 
@@ -61,12 +62,12 @@ class TableStatistics:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """Cases of each status: ok first, then the others by frequency."""
+        """Number of cases of each status: ok first, then the others by falling frequency."""
         return of.status_counts(self.cases)
 
     @cached_property
     def failed(self) -> dict[str, list[int]]:
-        """Numbers of the first `MAX_NAMED` cases of each status except ok."""
+        """Case numbers of the first `MAX_NAMED` (20) cases of each status except ok, by status."""
         statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
         return {
             label: numbers[statuses == label][:MAX_NAMED].tolist()
@@ -79,11 +80,13 @@ class TableStatistics:
         reference: Mapping[str, Mapping[str, float]] | None = None,
         confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
-        """Return the table of `sepmc.analysis.statistics.statistics`."""
+        """Return the statistics of the ok cases, a row per outcome; arguments and columns are those
+        of `sepmc.analysis.statistics.statistics`."""
         return of.statistics(self.cases, self.outcomes, reference, confidence)
 
     def audit(self) -> pd.DataFrame:
-        """Return the table of `sepmc.analysis.statistics.audit`."""
+        """Return the audit of the ok cases, a row per audit column; its columns are those of
+        `sepmc.analysis.statistics.audit`."""
         return of.audit(self.cases, self.bounds, self.audits)
 
     def verdicts(
@@ -121,11 +124,13 @@ class TableStatistics:
         ]
 
     def _lacking(self, values: np.ndarray | None) -> int:
-        """Return the number of ok cases without a value; 0 for a status."""
+        """Return the number of ok cases whose value in ``values`` (n_cases,) is NaN; 0 if it is
+        None, for a requirement on a status."""
         return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
 
     def _design(self, counter: RequirementCounter, values: np.ndarray | None) -> float:
-        """Return the design value of a requirement, NaN for a status."""
+        """Return the design value of a requirement on the outcome ``values`` (n_cases,); NaN for a
+        status (``values`` is None) and for too few cases."""
         if values is None:
             return np.nan
         present = values[self._ok & ~np.isnan(values)]
@@ -134,7 +139,8 @@ class TableStatistics:
         return design_value(counter, len(present), partial(order_statistics, present))
 
     def histogram(self, name: str) -> of.Histogram | None:
-        """Return the histogram of the finite values of an outcome, or None if it has none."""
+        """Return the histogram of the finite values of an outcome in the ok cases, or None if there
+        are none."""
         return of.histogram(of.column(self.cases, name)[self._ok])
 
     @cached_property
@@ -149,7 +155,7 @@ def summarise(
     bounds: Mapping[str, float],
     requirements: Sequence[Requirement] = (),
 ) -> TableStatistics | StreamingStatistics:
-    """Return the statistics of a stored case table.
+    """Return an object that gives the statistics of a stored case table.
 
     Parameters
     ----------
@@ -160,7 +166,8 @@ def summarise(
     Returns
     -------
     TableStatistics or StreamingStatistics
-        Exact percentiles up to `MAX_EXACT_CASES` cases, those of a sketch beyond.
+        The former, with exact percentiles, up to `MAX_EXACT_CASES` cases; the latter, to which all
+        rows were added, with the percentiles of a `QuantileSketch`, for more.
     """
     if cases.rows <= MAX_EXACT_CASES:
         return TableStatistics(cases, outcomes, audits, bounds, requirements)

@@ -1,11 +1,12 @@
 """Sensitivity of an outcome to its inputs, from the rows of a campaign.
 
 Rank correlation (Spearman 1904) and partial rank correlation, with the other inputs fixed (Saltelli
-et al., Global Sensitivity Analysis, Wiley 2008, 1.2.3), give direction and strength of monotonic
-effects; the first-order index, the fraction of the outcome's variance that an input explains alone,
-covers others too. The outcome's means over the lowest and highest tenth of an input are the ends of
-its tornado bar; for an input of few values, such as a failure mode, those over its lowest and
-highest value. A Saltelli campaign also gives total indices, which include interactions.
+et al., Global Sensitivity Analysis, Wiley 2008, 1.2.3), give the direction and strength of
+monotonic effects. The first-order index, the fraction of the outcome's variance that an input
+explains alone, covers other effects too. The outcome's means over the cases with the lowest and the
+highest tenth of an input are the ends of its bar in a tornado chart; for an input of few values,
+such as a failure that occurs or not, they are those over its lowest and its highest value. A
+Saltelli campaign also gives total indices, which include interactions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -62,51 +63,54 @@ def input_sensitivities(
         ``status``, the inputs and the outcome; rows that are not ``ok`` or have no outcome are left
         out.
     inputs : sequence of str
-        Names of the dispersed inputs.
+        Columns of the dispersed inputs.
     outcome : str
+        Column of the outcome.
     sampler : str
         A key of `sepmc.analysis.variance_indices.ESTIMATORS`; ``saltelli`` gives total indices.
     indices : bool
-        Compute variance indices, which take longest.
+        True to compute variance indices, which take longest; else they are NaN.
     correlated : sequence of sequences of str
         Groups of inputs known to be correlated.
     spread : float
-        Largest difference between values of a constant outcome
-        (`sepmc.analysis.constant_outcomes.max_spread`).
+        Largest difference that numerical error can explain, in the outcome's unit
+        (`sepmc.analysis.constant_outcomes.max_spread`); 0 for an outcome that is not constant.
 
     Returns
     -------
-    DataFrame, a row per input, the most influential first
+    DataFrame, a row per input that varies, the most influential first
         ``rank`` correlation with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright,
         Psychometrika 65, 2000); ``partial`` rank correlation; ``mean_low`` and ``mean_high``, the
         outcome's means over the cases with the lowest and highest tenth of the input (or its lowest
-        and highest of few values), in its unit; ``shift``, the lower 95 % bound of their difference
-        (Welch, Biometrika 34, 1947). All these are of the independent cases of a Saltelli design.
-        ``first``-order index with a 95 % interval (`sepmc.analysis.variance_indices`), NaN if no
-        estimator is valid for the sampler; ``total`` index with a 95 % interval, NaN unless the
-        sampler is ``saltelli``. Intervals are NaN where outliers determine the variance.
+        and highest of few values), in its unit; ``shift``, the lower 95 % bound of the absolute
+        difference of these means, at least 0 (Welch, Biometrika 34, 1947). With ``saltelli``, all
+        these are computed from the independent cases of the design. ``first``-order index with a
+        95 % interval ``first_low``, ``first_high`` (`sepmc.analysis.variance_indices`), NaN if no
+        estimator is valid for the sampler; ``total`` index with ``total_low``, ``total_high``, NaN
+        unless the sampler is ``saltelli``. Intervals are NaN where outliers determine the variance.
         ``attrs``: ``mean`` of the outcome; ``cases``, the numbers of cases with the outcome and of
         ok cases; ``correlated`` inputs; ``note``, a limitation of the indices or an empty string.
 
     Raises
     ------
     ValueError
-        If the outcome does not vary by more than its numerical error, or too few cases have it.
+        If fewer than 20 cases have the outcome, it does not vary by more than ``spread``, or no
+        input varies.
     """
     y = column(cases, outcome)
     has_outcome = ok_rows(cases) & np.isfinite(y)
     if np.count_nonzero(has_outcome) < _MIN_CASES:
-        raise ValueError(f"{outcome}: fewer than {_MIN_CASES} cases have it")
+        raise ValueError(f"{outcome}: fewer than {_MIN_CASES} cases are ok and have this outcome")
     x = np.array([column(cases, name) for name in inputs]).reshape(len(inputs), len(y))
     varied = [i for i, row in enumerate(x[:, has_outcome]) if row.min() < row.max()]
     value_range = float(np.ptp(y[has_outcome]))
     if 0.0 < value_range <= spread:
         raise ValueError(
-            f"{outcome}: is constant, as its values differ by {value_range:.1g} and their "
-            f"numerical error is {0.5 * spread:.1g}; so no input affects it"
+            f"{outcome}: is constant, as its values differ by {value_range:.1g}, at most twice "
+            f"their numerical error of {0.5 * spread:.1g}; so no effect of an input can be seen"
         )
     if not varied or value_range == 0.0:
-        raise ValueError(f"{outcome}: does not vary, or no input does")
+        raise ValueError(f"{outcome}: does not vary from case to case, or no input does")
     names = [inputs[i] for i in varied]
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
     varied_inputs, outcomes = x[varied][:, has_outcome], y[has_outcome]
@@ -115,7 +119,7 @@ def input_sensitivities(
         rows = has_outcome & independent
         varied_inputs, outcomes = x[varied][:, rows], y[rows]
         if not len(outcomes) or outcomes.min() == outcomes.max():
-            raise ValueError(f"{outcome}: does not vary in independent cases")
+            raise ValueError(f"{outcome}: does not vary in independent cases of the design")
     _by_rank(table, varied_inputs, outcomes)
     # inputs with so few values that cases of a value form a group
     has_few_values = np.array(
@@ -165,8 +169,9 @@ def leading_inputs(table: pd.DataFrame, count: int) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The first rows, and for a quarter of the places the others with the largest ``shift``: a
-        rare failure may shift the mean and explain little of the variance.
+        At most ``count`` rows in their order: the first three quarters are the first rows of the
+        table; the last quarter, at least one, are those of the others with the largest ``shift``,
+        as a rare failure may shift the mean and explain little of the variance.
     """
     n_by_index = count - max(1, count // 4)
     others = table.iloc[n_by_index:]["shift"].sort_values(ascending=False, kind="stable").index
@@ -174,15 +179,16 @@ def leading_inputs(table: pd.DataFrame, count: int) -> pd.DataFrame:
 
 
 def order_description(table: pd.DataFrame, count: int) -> str:
-    """Describe the order of `leading_inputs`."""
+    """Return in words the rule by which `leading_inputs` selects and orders the inputs, as ``by
+    first-order index (lower bound), then by shift of the mean``."""
     has_intervals = table["first_low"].notna().any()
     rule = f"by {'first-order index' if has_intervals else 'shift of the mean'} (lower bound)"
     return rule + ("" if len(table) <= count else ", then by shift of the mean")
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
-    """Set the columns ``rank``, ``rank_low``, ``rank_high`` and ``partial`` of a table, from inputs
-    (d, n) and an outcome (n,)."""
+    """Set the columns ``rank``, ``rank_low``, ``rank_high`` and ``partial`` of ``table``, a row for
+    each of d inputs, from the inputs ``x`` (d, n) and the outcome ``y`` (n,)."""
     # as scipy.stats.rankdata, which takes 1 s to import
     ranks = pd.DataFrame(np.vstack([x, y]).T).rank()
     correlation = np.corrcoef(ranks.to_numpy().T)
@@ -199,11 +205,12 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _end_means(x: np.ndarray, y: np.ndarray, few: bool) -> tuple[float, float, float]:
-    """Return the outcome's means at the lowest and highest values of an input, and the lower 95 %
-    bound of their difference, at least 0.
+    """Return the mean of the outcome ``y`` (n,) over the lowest tenth of the input ``x`` (n,), that
+    over the highest tenth, and the lower 95 % bound of their absolute difference, at least 0.
 
-    The bound uses Student's t with the degrees of freedom of the smaller end. For an input of
-    ``few`` values the variance at an end is at least that of all cases.
+    For an input of ``few`` values its lowest and highest value take the place of the tenths, and
+    the variance at an end is at least that of all cases. The bound uses Student's t with the
+    degrees of freedom of the smaller end; it is 0 if that has one case.
     """
     from scipy.special import ndtr, stdtrit  # noqa: PLC0415  (0.1 s)
 
@@ -220,8 +227,9 @@ def _end_means(x: np.ndarray, y: np.ndarray, few: bool) -> tuple[float, float, f
 
 
 def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, has_few_values: np.ndarray) -> None:
-    """Set the first-order indices, with intervals, in a table from inputs (d, n) and an outcome
-    (n,) of independent cases; ``has_few_values`` (d,) marks inputs whose values form groups."""
+    """Set the first-order indices and their intervals in ``table``, from inputs ``x`` (d, n) and
+    the outcome ``y`` (n,) of independent cases. ``has_few_values`` (d,) is True for inputs with so
+    few values that the cases of a value form a group."""
     estimators = [grouped_index if few else ordered_index for few in has_few_values]
     indices = np.array([estimate(row, y) for estimate, row in zip(estimators, x, strict=True)])
     _set_index(table, "first", *indices.T)
@@ -230,9 +238,13 @@ def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, has_few_values: 
 def _by_saltelli(
     table: pd.DataFrame, numbers: np.ndarray, x: np.ndarray, varied: list[int], y: np.ndarray
 ) -> str:
-    """Set first-order and total indices of the ``varied`` inputs in a table from complete groups of
-    a Saltelli design: inputs (inputs, n), and outcome (n,), NaN where absent. Return a note on
-    groups left out, or on why there are no indices; empty without one."""
+    """Set first-order and total indices, with intervals, in ``table`` from the complete groups of a
+    Saltelli design.
+
+    ``numbers`` (n,) are case numbers, ``x`` (d, n) all inputs, ``varied`` the indices of those with
+    a row in the table, and ``y`` (n,) the outcome, NaN where absent. Return a note on the number of
+    groups left out, or on the reason why no indices are set; an empty string without a note.
+    """
     try:
         groups = saltelli_groups(numbers, x, y)
     except ValueError as error:
@@ -241,12 +253,13 @@ def _by_saltelli(
     _set_index(table, "first", *first[:, varied])
     _set_index(table, "total", *total[:, varied])
     n_left_out = groups.left_out
-    note = f"indices are of complete groups of cases: {n_left_out} groups are left out"
+    note = f"indices are of complete groups of cases only: {n_left_out} groups are left out"
     return note if n_left_out else ""
 
 
 def _set_index(table: pd.DataFrame, name: str, index: np.ndarray, half_width: np.ndarray) -> None:
-    """Set an index and its interval."""
+    """Set the columns ``name``, ``name``_low and ``name``_high of ``table`` from an ``index`` and
+    the ``half_width`` of its interval, each (d,), a value per row."""
     table[name] = index
     table[f"{name}_low"], table[f"{name}_high"] = index - half_width, index + half_width
 
@@ -254,18 +267,19 @@ def _set_index(table: pd.DataFrame, name: str, index: np.ndarray, half_width: np
 def render_sensitivities(
     table: pd.DataFrame, outcome: str, keys: Mapping[str, str], count: int = 8, width: int = WIDTH
 ) -> str:
-    """Render the sensitivity of an outcome as a text table.
+    """Render the sensitivity of an outcome as a text table of its leading inputs, with notes.
 
     Parameters
     ----------
     table : DataFrame
         From `input_sensitivities`.
     outcome : str
+        Name of the outcome, for the head.
     keys : mapping of input column to TOML path
     count : int
-        Largest number of inputs.
+        Largest number of inputs, see `leading_inputs`.
     width : int
-        Characters in a line.
+        Largest number of characters in a line.
 
     Returns
     -------
@@ -303,7 +317,8 @@ def render_sensitivities(
 
 
 def index_notes(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
-    """Return notes on the indices of `input_sensitivities`; ``keys`` maps inputs to TOML paths."""
+    """Return the notes, a sentence each, on what limits the indices in a table of
+    `input_sensitivities`; ``keys`` maps input columns to TOML paths."""
     lines = [table.attrs["note"]] if table.attrs["note"] else []
     if not table["first"].notna().any():
         return lines
@@ -326,7 +341,8 @@ def index_notes(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
 
 
 def _format_index(row: pd.Series, name: str) -> str:
-    """Format an index and half its interval; empty if NaN."""
+    """Format the index ``name`` of a row as ``index +- half-width`` of its interval, without the
+    latter if it is NaN; an empty string if the index is NaN."""
     if np.isnan(row[name]):
         return ""
     half_width = row[f"{name}_high"] - row[name]

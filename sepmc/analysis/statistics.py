@@ -1,8 +1,11 @@
 """Statistics of outcomes with standard errors, deviations from reference values, and the audit.
 
-Only rows with status ``ok`` enter; the others are counted. A NaN in an ``ok`` row means that the
-case has no such outcome (a release time, say): it is left out of that outcome alone, and the column
-``n`` is the number of values behind a row.
+Only cases with status ``ok`` enter; the others are counted. A NaN in an ``ok`` case means that it
+does not have this outcome (the time of a release that did not occur, say): the case is left out of
+the statistics of that outcome alone, and their column ``n`` is the number of values used.
+
+The audit checks the quality of the integration of each case: certain columns of the case table,
+such as a constraint error, must not exceed bounds.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +34,9 @@ REFERENCED = ("mean", "sigma", "min", "max")
 
 
 class Histogram(NamedTuple):
-    """Histogram of the n finite values of an outcome: counts between increasing edges. If all
-    values are equal, edges and counts are empty."""
+    """Histogram of the ``n`` finite values of an outcome, with their mean, sigma, minimum ``low``
+    and maximum ``high``: ``counts`` (k,) between increasing ``edges`` (k + 1,). If all values are
+    equal, edges and counts are empty."""
 
     n: int
     mean: float
@@ -60,18 +64,19 @@ def statistics(
     reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional
         Values to compare with, in the outcome's unit; any may be absent.
     confidence : float, optional
-        Of the intervals of percentiles.
+        Confidence of the intervals of percentiles.
 
     Returns
     -------
     DataFrame, one row per outcome
         ``n``; ``mean``, ``sigma`` (divisor n - 1), ``min``, ``max`` and percentiles ``p0_135`` to
-        ``p99_865`` (linear between order statistics), in the outcome's unit; ``mean_se`` = sigma /
-        sqrt(n) and ``sigma_se``, see Notes; ``case_min`` and ``case_max``, the first cases with the
-        extremes (floats, to allow NaN); ``p0_135_low``, ``p0_135_high`` and so on, the order
-        statistics that bound a percentile with the ``confidence``. Values that need more cases are
-        NaN. With ``reference`` also ``ref_*`` and the deviations from it:
-        ``dev_mean``, ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative.
+        ``p99_865`` (linear between sorted values), in the outcome's unit; the standard errors
+        ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see Notes; ``case_min`` and ``case_max``,
+        the numbers of the first cases with the extremes (floats, to allow NaN); ``p0_135_low``,
+        ``p0_135_high`` and so on, the sample values that bound a percentile with the
+        ``confidence``. Values that need more cases are NaN. With a ``reference`` also its values,
+        ``ref_mean`` to ``ref_max``, and the deviations from them, ``dev_mean`` to ``dev_max``, in
+        reference sigmas (so ``dev_sigma`` is relative).
 
     Raises
     ------
@@ -82,7 +87,7 @@ def statistics(
     -----
     Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any distribution with a fourth moment, so
     se(s) = sqrt(Var(s^2)) / (2 s). The Gaussian s / sqrt(2 n) would be 58 % too large for uniform
-    data. The tests compare it with repeated sampling.
+    data.
     """
     missing = [name for name in outcomes if name not in cases]
     if missing:
@@ -117,7 +122,7 @@ def student_half_width(degrees: Any, confidence: float = 0.95) -> Any:
 
 
 def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
-    """Return the mask (n_cases,) of cases with status ``ok``."""
+    """Return the mask (n_cases,) that is True for cases with status ``ok``."""
     return np.asarray(cases["status"] == OK)
 
 
@@ -147,7 +152,8 @@ def statistics_table(
     outcomes: Sequence[str],
     reference: Mapping[str, Mapping[str, float]] | None,
 ) -> pd.DataFrame:
-    """Build the table of `statistics` from a row for each outcome."""
+    """Build the table of `statistics` from a dict of numbers by column for each of the
+    ``outcomes``; absent numbers become NaN. With a ``reference``, its columns are added."""
     columns = ["n", "mean", "sigma", "min", "max", *PERCENTILES]
     columns += ["mean_se", "sigma_se", "case_min", "case_max"]
     columns += [f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")]
@@ -165,17 +171,8 @@ def statistics_table(
 
 
 def histogram(x: np.ndarray) -> Histogram | None:
-    """Return the histogram of finite values.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-
-    Returns
-    -------
-    Histogram or None
-        None without a finite value.
-    """
+    """Return the histogram of the finite ones of values ``x`` (n,), None if there are none; see
+    `histogram_of` for its bins."""
     x = x[np.isfinite(x)]
     if not x.size:
         return None
@@ -193,7 +190,11 @@ def histogram_of(
     high: float,
     count: Callable[[np.ndarray], np.ndarray],
 ) -> Histogram:
-    """Build a histogram with 2 n^(1/3) bins, 8 to 60; ``count`` returns the cases between edges."""
+    """Build a histogram with 2 n^(1/3) bins (8 to 60) of equal width from ``low`` to ``high``.
+
+    ``count`` maps increasing edges (k + 1,) to the numbers (k,) of values between them. The
+    histogram has no bins if the values are equal to 1e-12.
+    """
     # a smaller range is round-off, and edges of bins would coincide
     if not high - low > 1e-12 * max(abs(low), abs(high)):
         return Histogram(n, mean, 0.0 if n > 1 else np.nan, low, high, np.empty(0), np.empty(0))
@@ -202,7 +203,8 @@ def histogram_of(
 
 
 def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dict[str, object]:
-    """Return the row of one outcome from its values and case numbers, each (n_ok,)."""
+    """Return the row of `statistics`, as a dict by column, of an outcome from its values and case
+    numbers in the ok cases, each (n_ok,); only ``n`` if all values are NaN."""
     present = ~np.isnan(values)
     x, numbers = values[present], numbers[present]
     if x.size == 0:
@@ -227,20 +229,21 @@ def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dic
 def percentile_ends(
     n: int, at_ranks: Callable[[np.ndarray], np.ndarray], confidence: float = CONFIDENCE
 ) -> dict[str, float]:
-    """Return the bounds of all percentiles by column name.
+    """Return the lower and upper bounds of all `PERCENTILES` by column name, as ``p50_low``.
 
     Parameters
     ----------
     n : int
-        Values.
+        Number of values.
     at_ranks : callable
-        Returns the values at sorted ranks (k,).
+        Maps zero-based ranks (k,) to the values of these ranks in increasing order.
     confidence : float
+        Confidence of each interval.
 
     Returns
     -------
     dict of str to float
-        Without bounds that n values cannot give.
+        Bounds that n values cannot give are absent.
     """
     ranks: dict[str, int] = {}
     for name, percent in PERCENTILES.items():
@@ -251,7 +254,8 @@ def percentile_ends(
 
 
 def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
-    """Return mean, sigma and their standard errors of values (n,), n >= 1."""
+    """Return mean, sigma, standard error of the mean and standard error of sigma of values (n,),
+    n >= 1; all but the mean are NaN for one value."""
     n, low, span = x.size, x.min(), np.ptp(x)
     if n == 1:
         return float(low), np.nan, np.nan, np.nan
@@ -281,7 +285,8 @@ def _reference_columns(
     outcomes: Sequence[str],
     reference: Mapping[str, Mapping[str, float]],
 ) -> dict[str, np.ndarray]:
-    """Return the columns of reference values and deviations; absent ones are NaN."""
+    """Return the columns ``ref_*`` of reference values and ``dev_*`` of deviations from them, each
+    (n_outcomes,); values that the reference does not contain give NaN."""
     known = {
         name: np.array(
             [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]
@@ -306,15 +311,19 @@ def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
 
 
 class AuditSummary:
-    """Worst value of an audit column and number of cases beyond its bound; NaN is worse than any
-    number."""
+    """Accumulator for the audit of one column: its ``worst`` value with the first ``case`` that has
+    it, its ``bound`` (NaN: none), and the number of cases ``beyond`` the bound.
+
+    The worst value is the largest, or the smallest of a column whose name begins with ``smallest``;
+    NaN is worse than any number and beyond any bound.
+    """
 
     def __init__(self, name: str, bounds: Mapping[str, float]):
         self.bound, self._is_minimum = bounds.get(name, np.nan), name.startswith("smallest")
         self.worst, self.case, self.beyond, self._rank = np.nan, -1, 0, -np.inf
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Add values (n,) of ok cases and their case numbers, in increasing order."""
+        """Add values (n,) of ok cases and their case numbers (n,), in increasing order."""
         if not x.size:
             return
         order = -x if self._is_minimum else x
@@ -326,21 +335,21 @@ class AuditSummary:
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
 
     def new_partial(self) -> "AuditSummary":
-        """Return an empty summary that counts other cases, to `merge` later."""
+        """Return an empty summary of the same column for later cases, to pass to `merge`."""
         empty = copy(self)
         empty.worst, empty.case, empty.beyond, empty._rank = np.nan, -1, 0, -np.inf
         return empty
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restore`."""
+        """Return what was accumulated so far as float arrays, which `restore` takes."""
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state returned by `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
         set_scalars(self, next(arrays))
 
     def merge(self, others: "AuditSummary") -> None:
-        """Add the summary of cases that follow."""
+        """Add the summary of other cases, which follow those already added."""
         if others.case >= 0 and (self.case < 0 or others._rank > self._rank):
             self.worst, self.case, self._rank = others.worst, others.case, others._rank
         self.beyond += others.beyond
@@ -355,14 +364,16 @@ def audit(
     ----------
     cases : mapping of name to column, shape (n_cases,)
     bounds : mapping of column to bound
+        Largest value that passes, for columns that have a bound.
     columns : sequence of str
-        Audit columns.
+        Audit columns; those that the case table lacks are left out.
 
     Returns
     -------
-    DataFrame, one row for each of ``columns`` in the case table
-        ``worst`` (the largest value; of ``smallest_pivot`` the smallest), ``case`` (the first that
-        has it), ``bound`` (NaN: none), ``beyond`` (ok cases above the bound or NaN).
+    DataFrame, one row for each audit column in the case table
+        ``worst`` (the largest value; of ``smallest_pivot`` the smallest), ``case`` (number of the
+        first case that has it), ``bound`` (NaN: none), ``beyond`` (number of ok cases whose value
+        is above the bound or NaN).
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
@@ -373,7 +384,7 @@ def audit(
 
 
 def audit_table(summaries: Mapping[str, AuditSummary]) -> pd.DataFrame:
-    """Build the table of `audit` from the summaries of its columns."""
+    """Build the table of `audit` from the summary of each audit column, by name."""
     rows = {name: [one.worst, one.case, one.bound, one.beyond] for name, one in summaries.items()}
     return pd.DataFrame.from_dict(
         rows, orient="index", columns=["worst", "case", "bound", "beyond"]
@@ -381,14 +392,14 @@ def audit_table(summaries: Mapping[str, AuditSummary]) -> pd.DataFrame:
 
 
 def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return percentiles of a quantity over the cases at each time.
+    """Return percentiles of a quantity over the cases, for each time.
 
     Parameters
     ----------
     histories : DataFrame, long form
         Columns ``case``, ``time_s`` and ``column``: a row per case and time, without failed cases.
     column : str
-        The quantity. NaN is left out of its time.
+        Name of the column of the quantity; NaN is left out.
 
     Returns
     -------

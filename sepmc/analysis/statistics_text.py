@@ -19,18 +19,20 @@ _TAIL_CASES = 741
 
 
 def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
-    """Render an audit in one line, or a line for each column with cases beyond its bound.
+    """Render an audit as text.
 
     Parameters
     ----------
     table : DataFrame
         From `sepmc.analysis.statistics.audit`.
     width : int
-        Characters in a line.
+        Largest number of characters in a line.
 
     Returns
     -------
     str
+        A line ``AUDIT FAILED`` for each column with cases beyond its bound; if there are none, one
+        sentence with the worst value of each column that has a bound.
     """
     if not len(table) or table["case"].max() < 0:
         return "audit: no ok case to audit"
@@ -56,20 +58,21 @@ def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
 
 
 def rounded(value: float, scale: float, digits: int = 3) -> str:
-    """Format a number with the decimals that show its scale.
+    """Format a number with as many decimals as show a related scale to some significant digits.
 
     Parameters
     ----------
     value : float
     scale : float
-        Sigma, for example.
+        Size that determines the decimals, such as the sigma of the outcome whose mean is formatted;
+        if it is not positive and finite, the value itself to one more digit.
     digits : int
-        Significant digits of the scale.
+        Significant digits to which the scale would be shown.
 
     Returns
     -------
     str
-        "-" for NaN.
+        In exponential notation if it is very long; "-" for NaN.
     """
     if pd.isna(value):
         return "-"
@@ -89,14 +92,15 @@ def render_summary(
     source: str = "paper",
     width: int = WIDTH,
 ) -> str:
-    """Render statistics as text tables, folded to ``width``, with a blank line between groups of
-    outcomes.
+    """Render statistics as text: case counts, yes-or-no and constant outcomes, the table of all
+    others, and the comparison with a reference.
 
     Parameters
     ----------
     stats : DataFrame
-        From `statistics`; with ``ref_*`` columns a comparison with the reference follows. Constant
-        outcomes (`sepmc.analysis.constant_outcomes`) have a line each before the table.
+        From `statistics`; with ``ref_*`` columns a comparison with the reference follows. Yes-or-no
+        and constant outcomes (`sepmc.analysis.constant_outcomes`) have a line each before the
+        table.
     counts : mapping of status to number of cases
         From `status_counts`.
     units : mapping of outcome to unit, optional
@@ -104,7 +108,7 @@ def render_summary(
     source : str
         Name of the reference in column heads.
     width : int
-        Characters in a line.
+        Largest number of characters in a line; further columns go to a block below.
 
     Returns
     -------
@@ -124,7 +128,8 @@ def render_summary(
 
 
 def tail_note(stats: pd.DataFrame) -> str:
-    """Return a sentence on extreme percentiles of few values; empty if it applies to none."""
+    """Return a sentence on where the extreme percentiles of outcomes with fewer than 741 values
+    lie; empty if all outcomes that vary have more."""
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
     if not varied["n"].between(1, _TAIL_CASES - 1).any():
         return ""
@@ -135,10 +140,8 @@ def tail_note(stats: pd.DataFrame) -> str:
 
 
 def render_comparison(stats: pd.DataFrame, source: str = "paper", width: int = WIDTH) -> str:
-    """Render the comparison of a table of `statistics` with its reference; empty if there is none.
-
-    Parameters are those of `render_summary`.
-    """
+    """Render the comparison of a table of `statistics` with its reference values as text; empty if
+    it has none. Arguments as for `render_summary`."""
     stats = constant_outcomes.with_constant_values(stats)
     compared = (
         stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
@@ -159,20 +162,22 @@ def render_comparison(stats: pd.DataFrame, source: str = "paper", width: int = W
 
 
 def render_counts(counts: Mapping[str, int], width: int) -> str:
-    """Render the number of cases, of ok cases, and of the others by status."""
+    """Render the number of all cases, of ok cases, and of the others by status, folded to lines of
+    ``width`` characters; ``counts`` is from `status_counts`."""
     total, ok = sum(counts.values()), counts.get(OK, 0)
     others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)
     return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), width)
 
 
 def _are_proportions(stats: pd.DataFrame) -> np.ndarray:
-    """Return the mask of outcomes that are yes or no."""
+    """Return the mask (n_outcomes,) of the rows of a table of `statistics` that are yes-or-no
+    outcomes."""
     return stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
 
 
 def render_proportions(stats: pd.DataFrame) -> list[str]:
-    """Render the yes-or-no outcomes of a table of `statistics`: count and probability interval, a
-    line each."""
+    """Render each yes-or-no outcome of a table of `statistics` as a line: number of cases in which
+    it occurs, and 95 % interval of its probability."""
     lines, table = [], stats[_are_proportions(stats)]
     for name, n, mean in zip(table.index, table["n"], table["mean"], strict=True):
         k = round(n * mean) if n else 0
@@ -187,7 +192,11 @@ def render_proportions(stats: pd.DataFrame) -> list[str]:
 def column_groups(
     stats: pd.DataFrame, units: Mapping[str, str] | None
 ) -> list[tuple[str, dict[str, list[str]]]]:
-    """Return the columns of the main table as (heading, {column: cells})."""
+    """Return the columns of the main table of outcomes as groups to be kept together.
+
+    Each group is (heading, {column: its cells as text, one per outcome}); some headings are empty.
+    ``stats`` is a table of `statistics`; ``units``, if given, adds a column of units.
+    """
     stats = constant_outcomes.with_constant_values(stats)
 
     def column(name: str) -> list[str]:
@@ -219,7 +228,9 @@ def column_groups(
 
 
 def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[str]]:
-    """Return reference, value and deviation of one statistic; the reference keeps its digits."""
+    """Return the columns of the comparison of one statistic, ``mean``, ``sigma``, ``min`` or
+    ``max``: reference (headed by its name ``source``), value of this run and deviation, as texts,
+    one per outcome. The reference keeps up to six digits."""
     reference = ["-" if np.isnan(value) else f"{value:.6g}" for value in stats[f"ref_{name}"]]
     values = [
         rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)
@@ -233,8 +244,8 @@ def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[s
 
 
 def aligned(rows: Sequence[Sequence[str]], width: int = WIDTH) -> list[str]:
-    """Align rows of cells to lines: the first column left, the others right; columns beyond
-    ``width`` go to a further block below."""
+    """Return lines of text with the cells of ``rows`` in aligned columns: the first left, the
+    others right. Columns beyond ``width`` characters go to a block below, after the first one."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     blocks, used = [[0]], widths[0]
     for k in range(1, len(widths)):
@@ -253,7 +264,8 @@ _MIN_GROUP = 3  # outcomes with the same first word that form a group
 
 
 def _gaps(names: list[str]) -> set[int]:
-    """Return the indices where a group of outcomes of one body or joint begins or ends."""
+    """Return the indices of the names before which a blank line separates groups; at least three
+    outcomes in a row with the same first word, a body or joint, form a group."""
     words = [name.split("_")[0] for name in names]
     runs = [len(list(run)) for _, run in groupby(words)]
     starts = np.cumsum([0, *runs])
@@ -262,8 +274,8 @@ def _gaps(names: list[str]) -> set[int]:
 
 
 def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]], width: int) -> str:
-    """Set groups of columns side by side under their headings; groups beyond ``width`` go to a
-    further block below."""
+    """Return a text table of outcomes ``names`` with groups of columns (see `column_groups`) side
+    by side under their headings; groups beyond ``width`` characters go to a block below."""
     longest = max(len(name) for name in [*names, "outcome"])
     stub = [text.ljust(longest) for text in ["", "outcome", *names]]
     blocks, used = [[stub]], longest

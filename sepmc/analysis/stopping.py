@@ -1,10 +1,11 @@
 """Stopping rule of a campaign: run until a statistic is known to a tolerance.
 
-The statistic is checked after 256, 512, ... cases, a mean or a sigma after 2,048, 4,096, ... cases.
-Its interval has a coverage of 95 % whatever the number n of checks, as each uses the confidence 1 -
-0.05 / n (Bonferroni). Intervals of proportions and percentiles are valid for any distribution.
-That of a mean requires a sample that contains what determines it: every value that the file gives a
-probability, and a sigma known itself. Coverage on fifteen problems: tests/measure/until.py.
+The statistic is checked after 256, 512, ... cases, a mean or a sigma after 2,048, 4,096, ... cases
+(later if a rare value of an input needs more). Its interval has a coverage of 95 % whatever the
+number n of checks, as each uses the confidence 1 - 0.05 / n (Bonferroni). Intervals of proportions
+and percentiles are valid for any distribution. That of a mean requires a sample in which every
+input value to which the file gives a probability has occurred often enough, and a sigma that is
+itself known well. Coverage on fifteen problems: tests/measure/until.py.
 """
 
 import math
@@ -23,7 +24,10 @@ from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 from sepmc.wording import option
 
-_FORMAT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
+_FORMAT = (
+    "METRIC:TOLERANCE or METRIC.STATISTIC:TOLERANCE with a tolerance above 0, as "
+    "separation_speed_m_s:0.01, upper_pitch_deg.p99:0.1 or upper_pitch_deg:1%"
+)
 # Cases before the first look; for a mean or a sigma enough to contain an event of 0.2 % probability
 # with 98 %, even if no file gives that probability
 _FIRST_LOOK, _FIRST_LOOK_OF_MOMENTS = 256, 2048
@@ -41,8 +45,9 @@ class _Summary(Protocol):
 
 
 class InterimEstimate(NamedTuple):
-    """Estimate at one check: value, interval, whether that is ``sufficient``, and a sentence on the
-    ``shortfall`` of cases, empty if there is none."""
+    """Estimate of a statistic at one check: its ``value``, the ends ``low`` and ``high`` of its
+    interval, ``sufficient``, True if the run may stop, and ``shortfall``, a sentence on the reason
+    why the cases are too few for an interval at all (empty if there is none)."""
 
     value: float
     low: float
@@ -53,16 +58,17 @@ class InterimEstimate(NamedTuple):
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """Tolerance of a statistic: largest distance of the ends of its 95 % interval from it.
+    """Rule to stop a run when both ends of the 95 % interval of a statistic are within a tolerance.
 
     Parameters
     ----------
     metric : str
         An outcome or a status.
     statistic : str
-        ``mean``, ``sigma``, ``share`` (proportion) or a percentile.
+        ``mean``, ``sigma``, ``share`` (proportion of cases) or a percentile such as ``p99``.
     tolerance : float
-        In the unit of the statistic, or a fraction of its size if ``relative``.
+        Largest distance of either end of the interval from the estimate, in the unit of the
+        statistic, or as a fraction of its absolute value if ``relative``.
     relative : bool
         True if the tolerance was given in percent.
     text : str
@@ -77,7 +83,7 @@ class StoppingRule:
 
     @property
     def name(self) -> str:
-        """Statistic and metric in words."""
+        """Statistic and metric in words, as ``mean of separation_speed_m_s``."""
         return f"{self.statistic} of {self.metric}"
 
     @property
@@ -86,8 +92,9 @@ class StoppingRule:
         return self.statistic in ("mean", "sigma")
 
     def first(self, values: Sequence[RareValue]) -> int:
-        """Return the number of cases before the first check; each later one doubles it. A mean or a
-        sigma waits until each of the rare ``values`` is expected to occur often enough."""
+        """Return the number of cases at the first check; each later check has twice as many. For a
+        mean or a sigma it is so large that each of the rare ``values`` is expected to occur as
+        often as required."""
         if not self.is_moment:
             return _FIRST_LOOK
         count = _FIRST_LOOK_OF_MOMENTS
@@ -95,8 +102,8 @@ class StoppingRule:
         return count << max(0, math.ceil(math.log2(max(cases_needed, 1) / count)))
 
     def check(self, values: Sequence[RareValue], cases: int) -> None:
-        """Raise InputError if ``cases`` are not expected to contain all the rare ``values`` often
-        enough for a mean or a sigma."""
+        """Raise InputError if the rule is on a mean or a sigma and some of the rare ``values`` are
+        not expected to occur as often as required in a number of ``cases``."""
         rarest = max(values, key=lambda value: value.cases, default=None)
         if self.is_moment and rarest is not None and rarest.cases > cases:
             raise InputError(
@@ -109,19 +116,20 @@ class StoppingRule:
     def look(
         self, summary: _Summary, looks: int, occurred: Sequence[Occurrence], spread: float = 0.0
     ) -> InterimEstimate:
-        """Return the estimate from the cases of a summary.
+        """Return the estimate of the statistic from the cases run so far.
 
         Parameters
         ----------
-        summary : statistics of the cases so far
+        summary : object with ``counts`` and ``statistics``
+            Statistics of the cases so far, such as `StreamingStatistics`.
         looks : int
             Largest number of checks in the run.
         occurred : sequence of Occurrence
-            Occurrences of rare values.
+            Numbers of occurrences of rare values in these cases.
         spread : float
             Largest difference between values of a constant outcome
-            (`sepmc.analysis.constant_outcomes.max_spread`), 0 of others; the interval of a constant
-            outcome is that of its numerical error.
+            (`sepmc.analysis.constant_outcomes.max_spread`), 0 for an outcome that is not constant.
+            If positive, the interval is the value plus and minus the numerical error.
         """
         value, low, high = self.interval(summary, raised(CONFIDENCE, looks))
         if spread > 0.0:
@@ -136,7 +144,8 @@ class StoppingRule:
     def interval(
         self, summary: _Summary, confidence: float = CONFIDENCE
     ) -> tuple[float, float, float]:
-        """Return the statistic and both ends of its interval, infinite for too few cases."""
+        """Return the statistic and the low and high ends of its interval with the ``confidence``;
+        the ends are infinite if there are too few cases."""
         counts, table = summary.counts, summary.statistics(confidence=confidence)
         if self.metric not in table.index:
             return _proportion(counts.get(self.metric, 0), sum(counts.values()), confidence)
@@ -152,12 +161,14 @@ class StoppingRule:
         return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 
     def is_met(self, value: float, low: float, high: float) -> bool:
-        """Return True if both ends of the interval are within the tolerance."""
+        """Return True if both ends ``low`` and ``high`` of the interval are within the tolerance of
+        ``value``."""
         allowed = self.tolerance * (abs(value) if self.relative else 1.0)
         return max(high - value, value - low) <= allowed
 
     def sentence(self, look: InterimEstimate, completed: int, cases: int) -> str:
-        """Describe an estimate (from `look`) after ``completed`` of ``cases`` cases."""
+        """Return a sentence for the user on an estimate (from the method `look`) after
+        ``completed`` of ``cases`` cases; it contains ``NOT MET`` if the run may not stop yet."""
         tolerance_text = f"{100 * self.tolerance:g} %" if self.relative else f"{self.tolerance:g}"
         not_met = (
             f": NOT MET{'; ' if look.shortfall else ''}{look.shortfall}"
@@ -171,8 +182,8 @@ class StoppingRule:
         )
 
     def _shortfall(self, summary: _Summary, occurred: Sequence[Occurrence], spread: float) -> str:
-        """Return a sentence on the cases missing to report a mean or a sigma, else an empty
-        string."""
+        """Return a sentence on the reason why the cases so far are too few to report a mean or a
+        sigma; an empty string if there is none. Arguments as for `look`."""
         if rare := undersampled(occurred):
             rarest = rare[-1]  # the least probable
             return (
@@ -193,7 +204,7 @@ class StoppingRule:
 
 
 def _proportion(k: int, n: int, confidence: float) -> tuple[float, float, float]:
-    """Return k / n and its interval; NaN and infinite ends without cases."""
+    """Return k / n and the low and high ends of its interval; NaN and infinite ends if n is 0."""
     return (k / n, *binomial_interval(k, n, confidence)) if n else (math.nan, -math.inf, math.inf)
 
 
@@ -203,9 +214,10 @@ def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
     Parameters
     ----------
     text : str
-        ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE``; a tolerance may end with %.
+        ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE``; a tolerance may end with %. Without
+        a statistic it is the mean, or the proportion for a status or a yes-or-no outcome.
     outcomes : collection of str
-        Of the campaign.
+        Names of the outcomes of the campaign.
 
     Returns
     -------
@@ -214,7 +226,8 @@ def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
     Raises
     ------
     InputError
-        With the allowed values.
+        If the text is not of this form, or the outcome, status or statistic does not exist; the
+        message names what is allowed.
     """
     name, colon, size = text.rpartition(":")
     relative = size.endswith("%")

@@ -1,4 +1,4 @@
-"""Statistics and histograms read from the files of a run that stored no case rows."""
+"""Statistics and histograms of a run that stored no case table, read from its files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ _COLUMNS = ["outcome", "from", "to", "cases"]
 
 @dataclass(frozen=True)
 class StoredStatistics:
-    """Stored statistics: a ``table`` with a row per outcome, and the ``bins`` of histograms (see
-    `histogram_table`)."""
+    """Statistics of a run as it stored them: ``table``, that of
+    `sepmc.analysis.statistics.statistics`, and ``bins``, that of `histogram_table`."""
 
     table: pd.DataFrame
     bins: pd.DataFrame
@@ -22,11 +22,12 @@ class StoredStatistics:
     def statistics(
         self, reference: Mapping[str, Mapping[str, float]] | None = None
     ) -> pd.DataFrame:
-        """Return the stored table; it contains the reference that was given when it was written."""
+        """Return the stored table. The argument ``reference`` is ignored: the table contains the
+        columns of the reference that was given when it was written."""
         return self.table
 
     def histogram(self, name: str) -> Histogram | None:
-        """Return the histogram of an outcome, or None if it has no finite value."""
+        """Return the histogram of an outcome, or None if it has no value or an infinite one."""
         row = np.asarray(self.table.loc[[name], ["n", "mean", "sigma", "min", "max"]], dtype=float)
         n, mean, sigma, low, high = row[0].tolist()
         if not n or not np.isfinite(mean):
@@ -38,7 +39,8 @@ class StoredStatistics:
 
 
 def histogram_table(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
-    """Return histograms by outcome as a table with a row per bin: outcome, from, to, cases."""
+    """Return the bins of histograms, by outcome, as a table with a row per bin: ``outcome``, edges
+    ``from`` and ``to``, and number of ``cases``. A histogram without bins has no row."""
     tables = [
         pd.DataFrame({"outcome": name, "from": h.edges[:-1], "to": h.edges[1:], "cases": h.counts})
         for name, h in histograms.items()

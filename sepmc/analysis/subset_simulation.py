@@ -1,13 +1,17 @@
-"""Subset simulation: probabilities too small to count, over independent standard normal variables.
+"""Subset simulation of probabilities too small to be counted by direct Monte Carlo.
 
-A case violates if its margin is negative. Trial chains descend in levels, each with a tenth of the
-cases of the one before (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263), by
-conditional moves of adaptive size (Papaioannou, Betz, Zwirglmaier and Straub, Probabilistic
-Engineering Mechanics 41 (2015) 89). They give thresholds and step sizes only. With these fixed,
-independent replicas start anew: every level resamples as many of the cases within it as it has
-chains, and keeps all states of the chains (Dau and Chopin, J. R. Stat. Soc. B 84 (2022) 114). So
-the product of the fractions is an unbiased estimate of the probability, however well the chains
-mix, and the interval rests on the spread of independent estimates alone.
+The inputs of a case are independent standard normal variables, its scores. The model gives a margin
+for them (the signed distance of an outcome from its bound); the case violates if it is negative.
+
+Levels are thresholds of the margin that fall towards 0, each reached by a tenth of the cases that
+reach the one before (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263). Within a
+level, Markov chains sample cases by conditional moves of adaptive size (Papaioannou, Betz,
+Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89). Trial chains serve only
+to find thresholds and step sizes. With these fixed, independent replicas start anew: at every level
+a replica resamples the cases that reach the threshold to as many seeds as it has chains, and keeps
+all states of the chains (Dau and Chopin, J. R. Stat. Soc. B 84 (2022) 114). So the product of the
+fractions is an unbiased estimate of the probability, however well the chains mix, and the
+confidence interval follows from the spread of independent estimates alone.
 """
 
 import math
@@ -39,9 +43,12 @@ NamedGenerator = Callable[[str], np.random.Generator]  # random generators by na
 
 @dataclass(frozen=True)
 class ChainStates:
-    """States of chains: ``scores`` (n, d), ``margin`` (n,) and ``records`` (n, k) of the cases run
-    there, ``number`` (n,) of the case in the order run, ``level`` (n,) it was run for, and
-    ``origin`` (n,), the index of its first ancestor."""
+    """States of n chains (or of several steps of them): each is a case that was run.
+
+    ``scores`` (n, d) are its inputs, ``margin`` (n,) and ``records`` (n, k) the results of the
+    limit function, ``number`` (n,) its place in the order of all cases run, ``level`` (n,) the
+    level for which it was run, and ``origin`` (n,) the index of its ancestor in the first level.
+    """
 
     scores: np.ndarray
     margin: np.ndarray
@@ -51,28 +58,31 @@ class ChainStates:
     origin: np.ndarray
 
     def at(self, indices: np.ndarray) -> Self:
-        """Return the states at indices, in that order."""
+        """Return the states at ``indices`` (m,), in that order."""
         return type(self)(*(getattr(self, f.name)[indices] for f in fields(self)))
 
     def moved(self, to: Self, accepted: np.ndarray) -> Self:
-        """Return the states after a move, which some of them (n,) accept."""
+        """Return the states of the chains after a move: those of ``to`` where the mask ``accepted``
+        (n,) is True, else the present ones."""
         pairs = ((getattr(self, f.name), getattr(to, f.name)) for f in fields(self))
         choice = (np.where(accepted if a.ndim == 1 else accepted[:, None], b, a) for a, b in pairs)
         return type(self)(*choice)
 
     @classmethod
     def joined(cls, states: Sequence[Self]) -> Self:
-        """Concatenate states."""
+        """Return the states of all elements of ``states``, concatenated."""
         return cls(*(np.concatenate([getattr(one, f.name) for one in states]) for f in fields(cls)))
 
 
 @dataclass(frozen=True)
 class LevelSchedule:
-    """Thresholds of the levels, and for each the step sizes (d,) of its chains.
+    """Falling ``thresholds`` of the margin, found by trial chains, and for each the step sizes,
+    ``steps`` (d,), of the chains within it.
 
-    Cases without a margin count as having the margin ``worst``. ``known`` and ``unknown`` are the
-    numbers of trial cases of the last level that violate and that have no margin. ``reached`` is
-    True if enough of them count as violating, so that no further level is needed.
+    Cases without a margin count as if their margin were ``worst``: -inf to count them as
+    violations, inf not to. ``known`` and ``unknown`` are the numbers of trial cases of the last
+    level that violate and that have no margin. ``reached`` is True if at least a tenth of the
+    cases of that level count as violating, so that no further level is needed.
     """
 
     thresholds: list[float]
@@ -85,22 +95,25 @@ class LevelSchedule:
 
 @dataclass(frozen=True)
 class Level:
-    """A level of the replicas.
+    """Result of all replicas for a threshold of the margin.
 
     Parameters
     ----------
     threshold : float
-        Of the margin; 0 at the last level.
+        A case reaches the level if its margin is at most this; the last level has the threshold 0,
+        and the margin must be negative.
     probability : float
-        Fraction of the cases of the level before that reach it.
+        Estimated probability to reach this level for a case that reaches the level before; NaN if
+        none does.
     reached : float
-        Fraction of all cases that reach it.
+        Estimated probability of a case to reach this level, the mean of ``replicas``.
     replicas : ndarray, shape (r,)
-        ``reached`` by replica.
+        Estimate of that probability by each replica.
     acceptance : float
-        Acceptance rate in the level before; NaN for the first.
+        Acceptance rate of the chains whose cases were compared with the threshold; NaN for the
+        first level, of independent cases.
     seeds : int
-        Distinct cases within the threshold.
+        Number of distinct cases that reach the threshold.
     """
 
     threshold: float
@@ -113,20 +126,25 @@ class Level:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate of a probability from independent replicas.
+    """Estimate of the probability of a violation, a negative margin, from independent replicas.
 
     Parameters
     ----------
     known, unknown : ndarray, shape (r,)
-        Probability of a negative margin, and of no margin (0 if these are excluded), by replica.
+        Estimate of each replica for the probability of a negative margin, and of no margin (0 if
+        cases without a margin were not counted as violations).
     levels : tuple of Level
+        In the order of falling thresholds; the last one has the threshold 0.
     last : ChainStates
-        Cases of the last level, with their ``replica`` (n,) and ``weight`` (n,); the weights of
-        violating cases add up to the estimate.
+        The n cases of all replicas that were run for the last level.
+    replica : ndarray, shape (n,), int
+        Replica of each case of ``last``.
+    weight : ndarray, shape (n,)
+        Weight of each case of ``last``; the weights of violating cases add up to the estimate.
     origins : int
-        First ancestors of the violating cases.
+        Number of cases of the first level from which all violating cases descend.
     size : int
-        Cases of a level of a replica.
+        Number of cases of a level in each replica.
     reached : bool
         True if the trial chains reached the bound.
     """
@@ -143,7 +161,7 @@ class Estimate:
 
     @property
     def probability(self) -> float:
-        """Probability of a negative margin."""
+        """Estimated probability of a negative margin, the mean over the replicas."""
         return float(self.known.mean())
 
     @property
@@ -153,11 +171,12 @@ class Estimate:
 
     @property
     def interval_with_unknown(self) -> tuple[float, float]:
-        """95 % interval of the probability of a negative margin, or none."""
+        """95 % interval of the probability that a case has a negative margin or no margin."""
         return self._interval(self.known + self.unknown)
 
     def _interval(self, estimates: np.ndarray) -> tuple[float, float]:
-        """Return the 95 % interval of estimates (r,)."""
+        """Return the ends of the 95 % interval of a probability from the ``estimates`` (r,) of the
+        replicas. If all of them are 0, its upper end is that of the last level that was reached."""
         if len(self.levels) == 1:  # direct Monte Carlo
             cases = self.size * len(estimates)
             return binomial_interval(round(float(estimates.mean()) * cases), cases)
@@ -174,21 +193,22 @@ class Estimate:
 
 
 def mean_interval(estimates: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the interval of the mean of independent positive estimates.
+    """Return the confidence interval of the mean of independent estimates of a probability.
 
-    The mean times exp(+-t s), with Student's t of r - 1 degrees of freedom and the relative
-    standard error s of the mean: estimates scatter as their logarithms do. Coverage:
-    `tests/measure/rare.py`.
+    Its ends are the mean times exp(+-t s), with Student's t for r - 1 degrees of freedom and the
+    relative standard error s of the mean, as the scatter of estimates is that of a log-normal
+    distribution. Coverage: `tests/measure/rare.py`.
 
     Parameters
     ----------
     estimates : ndarray, shape (r,)
-        Not all 0.
+        Not negative, and not all 0.
     confidence : float
 
     Returns
     -------
     low, high : float
+        ``high`` is at most 1.
     """
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that other commands do not need)
 
@@ -199,18 +219,19 @@ def mean_interval(estimates: np.ndarray, confidence: float = CONFIDENCE) -> tupl
 
 
 def equivalent_direct_cases(probability: float, interval: tuple[float, float]) -> float:
-    """Return the number of direct Monte Carlo cases with an equally narrow interval.
+    """Return how many cases direct Monte Carlo would need for an equally narrow interval.
 
     Parameters
     ----------
     probability : float
+        The estimate.
     interval : tuple of float
-        Compared by the ratio of its ends.
+        Low and high end of its 95 % interval; the ratio of the ends is the measure of its width.
 
     Returns
     -------
     float
-        NaN if an end is 0.
+        NaN if the low end is 0 or not below the high end.
     """
     low, high = interval
     if not 0.0 < low < high:
@@ -222,23 +243,26 @@ def equivalent_direct_cases(probability: float, interval: tuple[float, float]) -
 def estimate(
     limit: LimitFunction, dimensions: int, random: NamedGenerator, max_cases: int
 ) -> tuple[Estimate, Estimate, int]:
-    """Estimate the probability of a negative margin.
+    """Estimate the probability of a negative margin by subset simulation.
 
     Parameters
     ----------
     limit : LimitFunction
+        Runs cases: maps scores (n, d) to margins (n,), NaN where a case has none, and to records
+        (n, k), which are only passed on.
     dimensions : int
-        Number of scores, independent standard normal variables.
+        Number d of scores, independent standard normal variables.
     random : NamedGenerator
-        A name that was used before starts anew.
+        Returns the random generator of a name, at its start each time.
     max_cases : int
         Largest number of cases to run.
 
     Returns
     -------
     known, all_of : Estimate
-        Of violating cases, and of these and those without a margin: the same, unless the latter are
-        so many that they hide the others.
+        ``all_of`` counts cases without a margin as violations; ``known`` does not. Both are the
+        same object, in which such cases are counted separately, unless they are so many among the
+        trial cases that they hide the violating ones; then each is estimated with half the cases.
     n_cases : int
         Number of cases run.
     """
@@ -259,35 +283,41 @@ def estimate(
 
 
 def _depth(n_cases: int, trial_cases: int) -> int:
-    """Return the number of levels after the first, of independent cases, that ``n_cases`` allow:
-    with ``trial_cases`` a level of trial chains, and the smallest number in each replica."""
+    """Return the number of levels, at most 16, that ``n_cases`` in all allow beyond the first one,
+    with ``trial_cases`` in each level of the trial chains and the smallest allowed number of cases
+    in each level of a replica."""
     levels = (n_cases / (trial_cases + _MIN_CASES * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
     return max(0, min(_MAX_LEVELS, int(levels)))
 
 
 def estimate_warnings(estimate: Estimate) -> list[str]:
-    """Return warnings on an estimate, a sentence each; empty if there is no reason for doubt."""
+    """Return the warnings on an estimate, a sentence each; an empty list if nothing suggests that
+    the estimate or its interval is wrong."""
     warnings, low, high = [], float(estimate.known.min()), float(estimate.known.max())
     if not estimate.reached:
         threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf
-        margin = f" a margin of {threshold:.4g}" if math.isfinite(threshold) else " all cases"
+        margin = (
+            f" a margin of {threshold:.4g}"
+            if math.isfinite(threshold)
+            else " the margins of independent cases"
+        )
         warnings.append(
-            f"few of the cases that trial chains reached violate, within{margin}: more cases "
+            f"few cases violate of those that trial chains reached, down to{margin}: more cases "
             "may improve the estimate"
             if estimate.known.any()
-            else f"trial chains did not reach the bound, only{margin}: it may be out of reach, lie "
-            "at a jump of the margin, or need more cases"
+            else f"trial chains did not reach the bound, only{margin}: the bound may be out of "
+            "reach, lie at a jump of the margin, or need more cases"
         )
     if estimate.known.any() and len(estimate.levels) > 1:
         if low == 0.0 or estimate.spread > _MAX_SPREAD:
             warnings.append(
-                f"replicas disagree, from {low:.2e} to {high:.2e}: the interval may be too narrow, "
-                "as some may have missed a failure mode; allow more cases"
+                f"replicas disagree, with probabilities from {low:.2e} to {high:.2e}: the interval "
+                "may be too narrow, as some may have missed a failure mode; allow more cases"
             )
         if estimate.origins < _MIN_ORIGINS * len(estimate.known):
             warnings.append(
-                f"all violating cases descend from {estimate.origins} first cases in "
-                f"{len(estimate.known)} replicas: allow more cases"
+                f"all violating cases descend from {estimate.origins} cases of the first level in "
+                f"{len(estimate.known)} replicas, which are too few: allow more cases"
             )
     stuck = [
         f"{level.acceptance:.2f} at a margin of {level.threshold:.4g}"
@@ -300,14 +330,14 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
 
 
 class _CaseCounter:
-    """Evaluates the limit function and numbers its evaluations."""
+    """Wrapper of the limit function that numbers all cases run; ``count`` is their number."""
 
     def __init__(self, limit: LimitFunction):
         self.limit, self.count = limit, 0
 
     def evaluate(self, scores: np.ndarray, level: int, origin: np.ndarray) -> ChainStates:
-        """Run the cases of scores (n, d) for a level and return their states; ``origin`` (n,) are
-        the indices of their first ancestors."""
+        """Run the n cases of ``scores`` (n, d) and return them as states with the index ``level``
+        and with ``origin`` (n,), the indices of their ancestors in the first level."""
         margin, records = self.limit(scores)
         number = np.arange(self.count, self.count + len(scores))
         self.count += len(scores)
@@ -315,7 +345,8 @@ class _CaseCounter:
 
 
 def _ordering(states: ChainStates, worst: float) -> np.ndarray:
-    """Return the margins (n,), ``worst`` where there is none."""
+    """Return the margins (n,) of states, with ``worst`` in place of NaN, by which cases are
+    compared with thresholds."""
     return np.where(np.isnan(states.margin), worst, states.margin)
 
 
@@ -327,8 +358,11 @@ def _levels(
     depth: int,
     worst: float,
 ) -> LevelSchedule:
-    """Find thresholds and step sizes with trial chains of ``size`` cases a level, at most ``depth``
-    levels after the first, of independent cases."""
+    """Find thresholds and step sizes with trial chains of ``size`` cases in each level.
+
+    The first level has independent cases; at most ``depth`` levels follow. Cases without a margin
+    count as if their margin were ``worst``.
+    """
     states = counter.evaluate(random.standard_normal((size, dimensions)), 0, np.arange(size))
     thresholds: list[float] = []
     steps: list[np.ndarray] = []
@@ -357,8 +391,9 @@ def _levels(
 
 
 def _next_threshold(ordering: np.ndarray, chains: int, before: list[float]) -> float | None:
-    """Return the threshold that ``chains`` cases reach, beyond those ``before``; None if there is
-    none."""
+    """Return the next threshold: the margin that ``chains`` cases of ``ordering`` (n,) reach, at
+    least 0 and below the thresholds ``before``. If so many margins are equal that there is none, it
+    is the largest margin below them. None if that is negative or does not exist."""
     ascending = np.sort(ordering)
     last = before[-1] if before else ascending[-1]  # a threshold that all cases reach is no level
     if ascending[chains - 1] < last:
@@ -368,7 +403,8 @@ def _next_threshold(ordering: np.ndarray, chains: int, before: list[float]) -> f
 
 
 def _resample(indices: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
-    """Resample ``count`` of the indices, each as often as possible equally."""
+    """Return ``count`` of the ``indices``, in which the numbers of copies of an index differ by at
+    most one."""
     whole, remainder = divmod(count, len(indices))
     extra = random.permutation(indices)[:remainder]
     return np.concatenate([np.tile(indices, whole), extra])
@@ -383,8 +419,12 @@ def _moved(
     worst: float,
     level: int,
 ) -> tuple[ChainStates, float]:
-    """Make a conditional move of size ``step`` (d,), which preserves the normal distribution; all
-    moves within the threshold are accepted. Return states and acceptance rate."""
+    """Propose a conditional move of size ``step`` (d,), 0 to 1, for each of n chains, and accept
+    those whose margin reaches the threshold; such moves preserve the normal distribution.
+
+    ``noise`` (n, d) is standard normal; the cases run belong to the level after ``level``. Return
+    the states after the move and the acceptance rate.
+    """
     scores = np.sqrt(1.0 - step**2) * states.scores + step * noise
     proposed = counter.evaluate(scores, level + 1, states.origin)
     accepted = _ordering(proposed, worst) <= threshold
@@ -392,8 +432,8 @@ def _moved(
 
 
 def _level_size(schedule: LevelSchedule, n_cases: int) -> int:
-    """Return the number of cases of a level of a replica, a multiple of `LENGTH`, for about
-    ``n_cases`` in all; the seeds of a level are not run again."""
+    """Return the number of cases in each level of a replica, a multiple of `LENGTH`, for which all
+    replicas together run about ``n_cases``; the seeds of a level are not run again."""
     cases_per_seed = 1.0 + len(schedule.thresholds) * (1.0 - 1.0 / LENGTH)
     return LENGTH * max(1, int(n_cases / REPLICAS / cases_per_seed / LENGTH))
 
@@ -405,7 +445,8 @@ def _replicas(
     size: int,
     schedule: LevelSchedule,
 ) -> Estimate:
-    """Run the replicas side by side through a schedule, ``size`` cases a level each."""
+    """Run all replicas, their chains side by side, through the levels of a schedule, with ``size``
+    cases in each level of a replica; return their estimate."""
     suffix = "" if schedule.worst < 0.0 else " without unknown"
     generators = [random(f"replica {k}{suffix}") for k in range(REPLICAS)]
     chains, reached = size // LENGTH, np.ones(REPLICAS)
@@ -467,9 +508,12 @@ def _level(
     levels: Sequence[Level],
     acceptance: float,
 ) -> Level:
-    """Build the level of a threshold: ``mask`` (n,) are the cases of the level before, ``states``,
-    that reach it, and ``reached`` (r,) the fraction of all cases by replica; ``levels`` are those
-    before it."""
+    """Build the `Level` of a threshold.
+
+    ``states`` are the n cases compared with it, ``mask`` (n,) is True for those that reach it,
+    ``reached`` (r,) are the estimates of the replicas for the probability to reach it, and
+    ``levels`` are the levels before it. ``acceptance`` becomes a field.
+    """
     mean = float(reached.mean())
     previous = levels[-1].reached if levels else 1.0
     return Level(

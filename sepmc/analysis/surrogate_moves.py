@@ -1,10 +1,12 @@
 """Moves of particles by a surrogate of the model, for posteriors that are long and thin.
 
-The residuals are a quadratic regression over the particles, in coordinates in which a model is
-nearly one: inputs rather than their normal scores. A chain that is reversible for this surrogate
-makes many steps along the regression lines of the particles, which keep to a thin posterior. Its
-end is a proposal for the model itself (delayed acceptance: Christen and Fox, J. Comput. Graph.
-Stat. 14 (2005) 795).
+Particles are points in the space of scores: the estimated inputs, transformed so that their prior
+is standard normal. The surrogate is a quadratic regression of the model's residuals (measured minus
+predicted values, in sigma) over the particles. It uses coordinates in which a model is nearly
+quadratic, the inputs themselves, rather than their scores. A Markov chain that is reversible for
+the surrogate makes many steps along the regression lines of the particles, which stay in a thin
+posterior. The end of the chain is a proposal for the model itself (delayed acceptance: Christen and
+Fox, J. Comput. Graph. Stat. 14 (2005) 795).
 """
 
 import math
@@ -21,13 +23,14 @@ _STEP = 2.0  # standard deviations
 
 
 class Coordinates:
-    """Piecewise linear rising functions of single scores.
+    """Coordinates of the regression: d piecewise linear rising functions, one of each score.
 
     Parameters
     ----------
     values : ndarray, shape (knots, d)
-        Values of the functions at the scores `knots`. Only the shape of a column counts: `of`
-        shifts and scales it. One that does not rise everywhere is replaced by the scores.
+        Values of the functions at the scores `knots`. Only the shape of a column matters: it is
+        shifted and scaled to 0 at the score 0 and a difference of 2 between the scores -1 and 1. A
+        column that does not rise everywhere is replaced by the scores themselves.
     """
 
     def __init__(self, values: np.ndarray):
@@ -41,32 +44,35 @@ class Coordinates:
 
     @staticmethod
     def knots() -> np.ndarray:
-        """Scores of the tables."""
+        """Return the 201 equally spaced scores, -5 to 5, at which the functions are tabulated."""
         return np.linspace(-_REACH, _REACH, _CELLS + 1)
 
     def of(self, scores: np.ndarray) -> np.ndarray:
-        """Coordinates (n, d) of scores (n, d); those beyond the reach stay at its ends."""
+        """Return the coordinates (n, d) of scores (n, d); a score beyond -5 to 5 has the coordinate
+        of the nearer end."""
         cell, part = self._cells(scores)
         columns = np.arange(scores.shape[1])
         width = 2.0 * _REACH / _CELLS
         return np.asarray(self._values[cell, columns] + part * width * self._slopes[cell, columns])
 
     def scores(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scores (n, d) of coordinates (n, d), and which (n,) are within reach."""
+        """Return the scores (n, d) of coordinates ``values`` (n, d), and a mask (n,) that is True
+        where all d scores are between -5 and 5."""
         knots, table = self.knots(), self._values
         within = ((values > table[0]) & (values < table[-1])).all(axis=1)
         columns = [np.interp(v, table[:, k], knots) for k, v in enumerate(values.T)]
         return np.column_stack(columns), within
 
     def log_density(self, scores: np.ndarray) -> np.ndarray:
-        """Logs (n,) of the density of the coordinates of standard normal scores, but for a
-        constant."""
+        """Return the logarithm (n,), up to a constant, of the prior density of the coordinates at
+        scores (n, d), which are standard normal."""
         cell, _ = self._cells(scores)
         slopes = self._slopes[cell, np.arange(scores.shape[1])]
         return np.asarray(-0.5 * (scores**2).sum(axis=1) - np.log(slopes).sum(axis=1))
 
     def _cells(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cell of each score, and its position there."""
+        """Return for scores (n, d) the index (n, d) of the interval between two knots that contains
+        each, and the position (n, d) in it, 0 to 1."""
         position = np.clip((scores + _REACH) * (_CELLS / (2.0 * _REACH)), 0.0, _CELLS)
         cell = np.minimum(position.astype(np.int64), _CELLS - 1)
         return cell, position - cell
@@ -74,18 +80,21 @@ class Coordinates:
 
 @dataclass(frozen=True)
 class SurrogateMove:
-    """Chains on a surrogate of the posterior at a temperature.
+    """Proposals by Markov chains on a surrogate of the posterior.
 
     Attributes
     ----------
     coordinates : Coordinates
-    first, second : ndarray of int
-        Coordinates of the products in the regression.
+    first, second : ndarray of int, shape (p,)
+        Indices of the two coordinates in each of p products of the regression.
     fit : ndarray, shape (terms, k)
-        Components of the residuals by constant, coordinates and products.
+        Regression coefficients of k principal components of the residuals: of the constant, of
+        the d coordinates, and of the p products.
     lines : ndarray, shape (d, d)
-        Rows are steps of one standard deviation along the regression line of each coordinate.
+        Row i is a step along the regression line of all coordinates on coordinate i, of one
+        standard deviation of that coordinate.
     temperature : float
+        Power to which the likelihood is raised, 0 to 1.
     """
 
     coordinates: Coordinates
@@ -104,7 +113,9 @@ class SurrogateMove:
         temperature: float,
         coordinates: Coordinates,
     ) -> "SurrogateMove":
-        """Regression over particles (n, d) with residuals (n, m) and weights (n,)."""
+        """Fit the surrogate to particles with ``scores`` (n, d), ``residuals`` (n, m) in sigma and
+        ``weights`` (n,); particles with a residual that is not finite are left out. The weights
+        determine only ``lines``."""
         known = np.isfinite(residuals).all(axis=1)
         values, residuals = coordinates.of(scores[known]), residuals[known]
         weights = np.asarray(weights[known] / weights[known].sum())
@@ -128,8 +139,12 @@ class SurrogateMove:
     def propose(
         self, scores: np.ndarray, _: np.ndarray, length: float, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Ends (n, d) of chains, and what `log_ratio` needs. A ``length`` of 1 makes the most
-        steps."""
+        """Run a chain on the surrogate from each of the ``scores`` (n, d).
+
+        ``length``, up to 1, is the fraction of the largest number of steps that is made. Return the
+        scores (n, d) at the ends of the chains and the logarithms (n,) of the proposal ratio, which
+        `log_ratio` takes. A particle with a score beyond -5 to 5 does not move.
+        """
         size, dimensions = scores.shape
         values = self.coordinates.of(scores)
         start = self._log_likelihood(values)
@@ -153,11 +168,14 @@ class SurrogateMove:
         return ends, start - likelihood - prior
 
     def log_ratio(self, _: np.ndarray, log_ratio: np.ndarray) -> np.ndarray:
-        """Logs (n,) of the ratio of the densities of proposing back and forth."""
+        """Return the logarithm (n,) of the density of proposing the start from the end over that of
+        proposing the end from the start, for the acceptance of `propose`; a copy of its second
+        result."""
         return log_ratio.copy()
 
     def _log_likelihood(self, values: np.ndarray) -> np.ndarray:
-        """Logs (n,) of the likelihood of the surrogate at the temperature."""
+        """Return the logarithm (n,) of the surrogate's likelihood, raised to the temperature, at
+        coordinates ``values`` (n, d)."""
         components = _terms(values, self.first, self.second) @ self.fit
         return np.asarray(-0.5 * self.temperature * (components**2).sum(axis=1))
 
@@ -165,7 +183,9 @@ class SurrogateMove:
 def _terms(
     values: np.ndarray, first: np.ndarray | None = None, second: np.ndarray | None = None
 ) -> np.ndarray:
-    """Terms (n, terms) of a regression: constant, coordinates, and products of some of them."""
+    """Return the terms (n, 1 + d + p) of a regression at coordinates ``values`` (n, d): 1, the
+    coordinates, and the p products of those with indices ``first`` and ``second`` (none if
+    None)."""
     terms = [np.ones((len(values), 1)), values]
     if first is not None:
         terms.append(values[:, first] * values[:, second])

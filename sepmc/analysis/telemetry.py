@@ -1,8 +1,9 @@
-"""Telemetry of a flight against the cases of a run: clock shift, envelope, residuals, nearest
-cases.
+"""Comparison of the telemetry of a flight with the cases of a run: clock shift, envelope,
+residuals, nearest cases.
 
-A channel of the flight is compared with a column of histories; both are in the unit of the column.
-The time of the flight's clock is the time of the run plus the clock shift.
+A channel is a measured quantity over time; it is compared with a column of the histories of the
+cases, both in the unit of the column. The time of the flight's clock is the time of the run plus
+the clock shift. The envelope is a band of percentiles of the cases at each time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,21 +29,21 @@ _LEAST_NOISE = 1e-3  # of a channel, in units of its scale, in the weights of it
 _WINDOW = 0.1  # of the run, to either side of the coarse scan: shifts that other cases may have
 _OVERLAP = 0.5  # least part of the shorter of run and flight that must coincide
 _MOST_LEFT_OUT = 0.05  # of the time that flight and run could share, without a note
-_GIVE_SHIFT = "give the shift, s: --shift (shift_s in Python)"
+_GIVE_SHIFT = "give the shift in s by --shift (shift_s in Python)"
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel of telemetry.
+    """A measured quantity over time: a channel of telemetry.
 
     Attributes
     ----------
     time : ndarray, shape (m,)
-        Of the flight's clock, s, not falling.
+        Times of the samples by the flight's clock, s, not falling.
     values : ndarray, shape (m,)
-        In the unit of the column it is compared with.
+        Measured values, in the unit of the column they are compared with.
     unit : str
-        Of the values.
+        Unit of the values.
     """
 
     time: np.ndarray
@@ -52,7 +53,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Histories:
-    """Histories of cases on one time grid.
+    """Histories of the cases of a run, all on one time grid.
 
     Attributes
     ----------
@@ -63,9 +64,9 @@ class Histories:
     step : float
         Step of the time grid, which starts at 0, s.
     values : ndarray, shape (n, c, t)
-        In the units of the columns; NaN after the end of a case.
+        Value of each case, column and time, in the unit of the column; NaN after the end of a case.
     nominal : ndarray, shape (c, t)
-        The same of the nominal case.
+        Values of the nominal case, likewise.
     """
 
     numbers: np.ndarray
@@ -92,8 +93,9 @@ class ClockShift:
     Attributes
     ----------
     value, error : float
-        s; ``error`` is one standard error, 0 of a shift that was given.
+        The shift and its standard error, s; the error is 0 if the user gave the shift.
     is_estimated : bool
+        False if the user gave the shift.
     """
 
     value: float
@@ -103,32 +105,36 @@ class ClockShift:
 
 @dataclass(frozen=True, repr=False)
 class FlightComparison:
-    """A flight against the cases of a run.
+    """Result of a comparison of a flight with the cases of a run.
 
     Attributes
     ----------
     shift : ClockShift
-        Time of the flight's clock at time 0 of the run: ``value`` and one standard ``error``, s,
-        and whether it ``is_estimated``.
+        Time of the flight's clock at time 0 of the run.
     n_cases : int
-        Cases of the envelope.
+        Number of cases that form the envelope.
     channels : DataFrame
-        A row per column: unit, samples, noise (sigma of the channel, from its second differences),
-        envelope_used (largest distance from the median over the half width of the 99 % band, 1 at
-        its edge; the band is widened by the noise) and its time, inside_99 (fraction of the time
-        within the band), residual_rms and residual_max (against the nominal case) and its time.
+        A row per channel, indexed by its column: ``unit``; number of ``samples`` within the run;
+        ``noise``, its sigma, from second differences; ``envelope_used``, the largest distance from
+        the median of the cases over the half width of their 99 % band (widened by the noise), and
+        its time ``envelope_used_at_s``; ``inside_99``, the fraction of the time within that band;
+        ``residual_rms`` and ``residual_max``, of flight minus nominal case, and its time
+        ``residual_max_at_s``.
     curves : DataFrame
-        Long form: channel, time_s (of the run), flight, nominal, percentiles p0.5 to p99.5.
+        A row per channel and sample: channel, time_s (of the run), flight, nominal, and the
+        percentiles p0.5 to p99.5 of the cases.
     nearest : list of (int, float)
-        Number and distance of the cases that are nearest: rms over time and channels of the
-        difference, in units of the spread of the cases and the noise of the channel.
+        Case number and distance of the five nearest cases, the nearest first. The distance is the
+        rms difference from the flight over all samples, each in units of the combined spread of the
+        cases and noise of its channel.
     left_out : float
-        Part of the time that flight and run could share, but which the shift leaves outside; the
-        largest of the channels. More than a few samples point to a wrong sign, factor or unit.
+        Fraction, 0 to 1, of the time that flight and run could share which lies outside the run at
+        this shift, for the channel where it is largest. More than 0.05 suggests a wrong sign,
+        factor or unit.
     run, data : str
         Name of the run, and of the file of telemetry.
     channels_read : tuple of str
-        What was understood of each channel.
+        A text for each channel on how it was read from the file.
     """
 
     shift: ClockShift
@@ -149,26 +155,23 @@ class FlightComparison:
         )
 
     def _repr_html_(self) -> str:
-        """Table of the channels, for notebooks."""
+        """Return the summary and the table of the channels as HTML, for notebooks."""
         return f"<p>{escape(repr(self))}</p>{self.channels.to_html()}"
 
     @property
     def notes(self) -> list[str]:
-        """Notes for the user, on a shift that leaves much of the flight outside the run."""
+        """Notes for the user, a list: one if the shift leaves more than 5 % of the time that flight
+        and run could share outside the run, else none."""
         if self.left_out <= _MOST_LEFT_OUT:
             return []
         return [
-            f"this shift leaves {100.0 * self.left_out:.0f} % of what flight and run could share "
-            f"outside the run: check sign, factor and unit of the channels, or {_GIVE_SHIFT}"
+            f"this shift leaves {100.0 * self.left_out:.0f} % of the time that flight and run "
+            "could share outside the run: check sign, factor and unit of the channels, or "
+            f"{_GIVE_SHIFT}"
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``telemetry.json``: all but the curves.
-
-        Returns
-        -------
-        dict
-        """
+        """Return the content of ``telemetry.json``: all but the curves and the name of the run."""
         return {
             "data": self.data,
             "channels_read": list(self.channels_read),
@@ -185,13 +188,14 @@ class FlightComparison:
     def from_dict(
         cls, content: Mapping[str, Any], curves: pd.DataFrame, run: str
     ) -> "FlightComparison":
-        """Comparison from the content of ``telemetry.json`` and ``telemetry.csv``.
+        """Restore a comparison from the content of ``telemetry.json`` and ``telemetry.csv``.
 
         Parameters
         ----------
         content : mapping
-            Of `to_dict`, None in place of numbers that are not finite.
+            From `to_dict`, or with None in place of numbers that are not finite.
         curves : DataFrame
+            The attribute ``curves``, from ``telemetry.csv``.
         run : str
             Name of the run.
 
@@ -219,16 +223,17 @@ class FlightComparison:
 
 
 def noise_of(values: np.ndarray) -> float:
-    """Standard deviation of the noise of a channel, from its second differences.
+    """Return the standard deviation of the noise in a channel, from its second differences.
 
     Parameters
     ----------
     values : ndarray, shape (m,)
+        Samples in the order of time.
 
     Returns
     -------
     float
-        0 of fewer than five values.
+        In the unit of the values; 0 for fewer than five values.
     """
     if len(values) < 5:
         return 0.0
@@ -238,13 +243,13 @@ def noise_of(values: np.ndarray) -> float:
 def compare_channels(
     channels: Mapping[str, Channel], histories: Histories, shift_s: float | None = None
 ) -> FlightComparison:
-    """Compare a flight with the cases of a run.
+    """Compare the channels of a flight with the cases of a run.
 
     Parameters
     ----------
     channels : mapping of column to Channel
     histories : Histories
-        With these columns.
+        Histories of the cases in these columns.
     shift_s : float, optional
         Time of the flight's clock at time 0 of the run; estimated if None.
 
@@ -255,7 +260,7 @@ def compare_channels(
     Raises
     ------
     InputError
-        If flight and run do not overlap, or the shift cannot be estimated.
+        If a channel has fewer than two samples within the run, or the shift cannot be estimated.
     """
     ordered = [channels[name] for name in histories.names]
     scales = _scales(ordered, histories)
@@ -268,8 +273,9 @@ def compare_channels(
         time, flight = _within(channel, shift.value, histories.end)
         if len(time) < 2:
             raise InputError(
-                f"{name}: the flight has {len(time)} samples within the run, 0 to "
-                f"{histories.end:g} s, at a clock shift of {shift.value:.14g} s"
+                f"{name}: the flight has {len(time)} samples within the run (0 to "
+                f"{histories.end:g} s) at a clock shift of {shift.value:.14g} s; must have at "
+                "least two"
             )
         shared = min(float(np.ptp(channel.time)), histories.end)
         left_out = max(left_out, 1.0 - float(np.ptp(time)) / shared)
@@ -314,8 +320,8 @@ def compare_channels(
 
 
 def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
-    """Scale of the difference of each channel, in its unit: root of the sum of squares of the
-    spread of the cases, averaged over time, and the noise of the channel."""
+    """Return for each channel the scale of its differences, in its unit: the root of the sum of the
+    squares of the spread of the cases (rms over time) and of the noise of the channel."""
     scales = []
     for i, channel in enumerate(channels):
         values = histories.values[:, i]
@@ -327,16 +333,16 @@ def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
 
 
 def _within(channel: Channel, shift: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the run, s, and values of the samples of a channel that lie within the run, 0 to
-    ``end``, at a clock shift, s."""
+    """Return the samples of a channel that lie within the run, 0 to ``end`` (s), at a clock
+    ``shift`` (s): their times (k,) in the time of the run, s, and their values (k,)."""
     time = channel.time - shift
     first, last = np.searchsorted(time, [-1e-9 * end, end * (1 + 1e-9)])
     return np.clip(time[first:last], 0.0, end), channel.values[first:last]
 
 
 def _at(values: np.ndarray, step: float, times: np.ndarray) -> np.ndarray:
-    """Values (n, m) of histories (n, t) at times (m,) or (n, m), linear between the rows; NaN
-    outside."""
+    """Return the values (n, m) of histories (n, t), on a grid with a ``step`` from time 0, at times
+    (m,) or at a row of times (n, m) for each case; linear in between, NaN outside the grid."""
     position = times / step
     index = np.clip(position.astype(np.int64), 0, values.shape[1] - 2)
     part = position - index
@@ -349,8 +355,8 @@ def _at(values: np.ndarray, step: float, times: np.ndarray) -> np.ndarray:
 
 
 def _sum_squares(differences: np.ndarray) -> np.ndarray:
-    """Sums (n,) of the squares of differences (n, m); where a case has none, the mean of its other
-    squares counts; infinite for a case without any."""
+    """Return the sums (n,) of the squares of differences (n, m) of n cases; for a difference that
+    is NaN, the mean square of the others of its case counts; infinite if all of them are NaN."""
     squares = differences**2
     known = np.isfinite(squares)
     total, count = np.where(known, squares, 0.0).sum(axis=1), known.sum(axis=1)
@@ -359,7 +365,7 @@ def _sum_squares(differences: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Curves:
-    """Histories of a channel, in units of its scale.
+    """Histories of the cases for one channel, in units of its scale (`_scales`).
 
     Attributes
     ----------
@@ -368,7 +374,7 @@ class _Curves:
     weights : ndarray, shape (n, t)
         Weight of a flight sample between a grid time and the next: v / (v + b^2), with the variance
         v of the noise and the second difference b of the history there. It is nearly 1 where the
-        history is smooth, and small where it jumps or bends, at a time known to a step only.
+        history is smooth, and small where it jumps or bends: that time is known to a step only.
     step : float
         Step of the time grid, s.
     """
@@ -379,7 +385,8 @@ class _Curves:
 
     @classmethod
     def of(cls, values: np.ndarray, scale: float, noise: float, step: float) -> "_Curves":
-        """Curves of histories (n, t) and noise in the unit of a channel."""
+        """Build the curves from histories (n, t), the ``scale`` and the ``noise`` sigma, all in the
+        unit of the channel, and the ``step`` of the time grid, s."""
         scaled = values / scale
         bend = np.zeros_like(scaled)
         bend[:, 1:-1] = np.abs(np.diff(scaled, 2, axis=1))
@@ -390,9 +397,12 @@ class _Curves:
     def differences(
         self, time: np.ndarray, flight: np.ndarray, shifts: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Differences (n, m) of the histories from the samples ``flight`` (m,) at times (m,) of the
-        flight's clock, at one shift or one of each case (n,), s; and their weights (n, m). Both are
-        0 where a history has no value."""
+        """Return the differences (n, m), history minus flight, and their weights (n, m); both are 0
+        where a history has no value.
+
+        ``flight`` (m,) are samples in units of the scale, ``time`` (m,) their times by the flight's
+        clock, s; ``shifts`` is one clock shift for all cases, or one for each (n,), s.
+        """
         times = _run_times(time, shifts)
         residual = _at(self.values, self.step, times) - flight
         index = np.clip((times / self.step).astype(np.int64), 0, self.values.shape[1] - 1)
@@ -404,12 +414,13 @@ class _Curves:
         return np.where(known, residual, 0.0), np.where(known, weights, 0.0)
 
     def slopes(self, times: np.ndarray) -> np.ndarray:
-        """Slopes (n, m) at times (n, m), 0 where there is none."""
+        """Return the slopes (n, m) of the histories, per s, at times (m,) or (n, m) of the run; 0
+        where a history has no slope."""
         slopes = _at(np.gradient(self.values, self.step, axis=1), self.step, times)
         return np.nan_to_num(slopes, nan=0.0)
 
     def only(self, case: int) -> "_Curves":
-        """The curves of one case."""
+        """Return the curves of the case with index ``case`` alone."""
         part = slice(case, case + 1)
         return _Curves(self.values[part], self.weights[part], self.step)
 
@@ -420,10 +431,11 @@ Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 def _estimate_shift(
     channels: Sequence[Channel], histories: Histories, scales: Sequence[float]
 ) -> ClockShift:
-    """Estimate the clock shift: that at which the nearest case is nearest.
+    """Estimate the clock shift: each case has a best shift, and that of the nearest case is used.
 
-    The error is that of least squares with the residual of that case, its correlation in time
-    included, and the spread of the shifts of other cases by how near they are.
+    ``scales`` are those of `_scales`. The error combines that of a least-squares fit with the
+    residuals of that case, correlated in time, and the spread of the best shifts of the other
+    cases, weighted by how near they are. Raises InputError if no shift can be estimated.
     """
     noise = [noise_of(channel.values) for channel in channels]
     start, step = _coarse_shift(channels, histories, scales, noise)
@@ -465,12 +477,20 @@ def _coarse_shift(
     scales: Sequence[float],
     noise: Sequence[float],
 ) -> tuple[float, float]:
-    """Shift at which one of a few cases is nearest, and the step of the scan, s."""
+    """Scan all shifts at which flight and run overlap enough, for the nominal and a few other
+    cases; return the shift at which any of them is nearest, and the step of the scan, s.
+
+    ``scales`` and ``noise`` have a number for each channel, in its unit. Raises InputError if there
+    is no such shift.
+    """
     first = max(channel.time[0] for channel in channels)
     last = min(channel.time[-1] for channel in channels)
     overlap = _OVERLAP * min(last - first, histories.end)
     if not overlap > 0.0:
-        raise InputError(f"clock shift: the channels have no time in common; {_GIVE_SHIFT}")
+        raise InputError(
+            "clock shift: cannot be estimated, as the channels have no time in common; "
+            f"{_GIVE_SHIFT}"
+        )
     low, high = first - histories.end + overlap, last - overlap
     step = max(histories.end / _STEPS, (high - low) / _MOST_SHIFTS)
     count = len(histories.numbers)
@@ -494,20 +514,25 @@ def _coarse_shift(
         squares = np.nan_to_num(_mean_squares(samples, curves, shift), nan=np.inf)
         best = min(best, (float(squares.min()), float(shift)))
     if not np.isfinite(best[0]):
-        raise InputError(f"clock shift: no shift at which flight and run overlap; {_GIVE_SHIFT}")
+        raise InputError(
+            "clock shift: cannot be estimated, as flight and run overlap at no shift; "
+            f"{_GIVE_SHIFT}"
+        )
     return best[1], float(step)
 
 
 def _run_times(time: np.ndarray, shifts: np.ndarray | float) -> np.ndarray:
-    """Times of the run (m,), or (n, m) of a shift for each case."""
+    """Return times by the flight's clock (m,) as times of the run: (m,) for one clock shift,
+    (n, m) for one of each case (n,), s."""
     return time - shifts if np.ndim(shifts) == 0 else time - np.asarray(shifts)[:, None]
 
 
 def _mean_squares(
     samples: Samples, curves: Sequence[_Curves], shifts: np.ndarray | float
 ) -> np.ndarray:
-    """Weighted mean squares (n,) of the differences of cases from samples, at a shift or one of
-    each case; NaN without any."""
+    """Return for each case the weighted mean square (n,) of its differences from all ``samples``,
+    (time, value) for each channel, at one clock shift or one for each case, s; NaN if the case has
+    no value at their times."""
     total = count = np.zeros(len(curves[0].values))
     for (time, flight), own in zip(samples, curves, strict=True):
         residual, weights = own.differences(time, flight, shifts)
@@ -519,8 +544,13 @@ def _mean_squares(
 def _variance(
     samples: Samples, curves: Sequence[_Curves], shift: np.ndarray
 ) -> tuple[float, float]:
-    """Variance of the shift (1,) of a case, and its number of independent samples. Residuals that
-    are correlated in time count as fewer (by their correlation from one sample to the next)."""
+    """Return the variance, s^2, of the best ``shift`` (1,) of a single case, and the number of
+    independent samples.
+
+    Residuals that are correlated in time count as fewer, by their correlation from one sample to
+    the next. The variance is infinite if the case does not change over time or has fewer than three
+    samples.
+    """
     top = bottom = effective = 0.0
     for (time, flight), own in zip(samples, curves, strict=True):
         residual, weights = (x[0] for x in own.differences(time, flight, shift))

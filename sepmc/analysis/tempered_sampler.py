@@ -1,18 +1,22 @@
-"""Samples of a posterior over independent standard normal scores, of a model whose residuals are
-normal: tempered sequential Monte Carlo.
+"""Tempered sequential Monte Carlo: samples of a posterior whose prior is standard normal.
 
-The likelihood is raised to powers (temperatures) from 0 to 1, each chosen so that half of the
-particles stay effective (Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411). At each
-one, particles are resampled and then moved until they have forgotten where they started, by two
-Metropolis moves: chains on a surrogate (`sepmc.analysis.surrogate_moves`), and, for what a
-regression does not see, a Crank-Nicolson proposal that keeps a t distribution with mean and
-covariance of the particles (Grumitt, Karamanis and Seljak, Inverse Problems 40 (2024) 125023).
-Approximations shape proposals alone; the likelihood is the model's.
+The scores, the unknowns, are independent standard normal variables under the prior; the residuals
+of the model (measured minus predicted values, in sigma) are normal. Particles are points in the
+space of scores.
 
-The sampler is our own: a likelihood here is one call of a kernel for all particles, of a model that
-no library can trace. blackjax needs one in JAX; pocoMC needs torch, and is under the GPL; emcee has
-no evidence; dynesty asks for one point after the other; particles draws from the global random
-state of numpy, which others share.
+The likelihood is raised to powers (here called temperatures) from 0 to 1, each chosen so that half
+of the particles stay effective (Del Moral, Doucet and Jasra, J. R. Stat. Soc. B 68 (2006) 411). At
+each temperature, particles are resampled and then moved until their correlation with the start is
+small, by two kinds of Metropolis moves: chains on a surrogate (`sepmc.analysis.surrogate_moves`),
+and, for effects that a regression does not represent, a Crank-Nicolson proposal that preserves a t
+distribution with the mean and covariance of the particles (Grumitt, Karamanis and Seljak, Inverse
+Problems 40 (2024) 125023). Approximations affect proposals alone; the likelihood is that of the
+model.
+
+No library fits: a likelihood here is one call of a kernel for all particles, of a model that no
+library can trace. blackjax needs a likelihood in JAX; pocoMC needs torch, and is under the GPL;
+emcee gives no evidence; dynesty evaluates one point after the other; the package particles samples
+from the global random state of numpy.
 """
 
 import math
@@ -37,35 +41,37 @@ Residuals = Callable[[np.ndarray], np.ndarray]
 
 
 class NoLikelihoodError(ValueError):
-    """No sample of the prior has a likelihood above 0."""
+    """Error: no sample of the prior has a likelihood above 0 (finite residuals)."""
 
 
 class FarPosteriorError(ValueError):
-    """The posterior is so far from the prior that `_TEMPERATURES` do not reach it."""
+    """Error: the posterior is so far from the prior that 150 temperatures do not reach it."""
 
 
 @dataclass(frozen=True)
 class PosteriorSample:
-    """Sample of a posterior.
+    """Sample of a posterior, n particles of equal weight in random order.
 
     Attributes
     ----------
     scores : ndarray, shape (n, d)
+        The d scores of each particle.
     log_likelihood : ndarray, shape (n,)
-        Minus half of the sum of the squares of the residuals.
+        Minus half of the sum of the squares of its residuals.
     log_evidence : float
-        Natural logarithm of the mean of this likelihood over the prior.
+        Natural logarithm of the mean over the prior of this likelihood.
     temperatures : tuple of float
-        Rising to 1.
+        Powers of the likelihood that were used, rising to 1.
     sweeps : int
-        Moves of every particle, of all temperatures.
+        Number of proposed moves of each particle, at all temperatures together.
     correlation : float
-        Largest correlation over the dimensions of the scores with those at the start of the last
-        temperature, where particles have copies.
+        Largest correlation, of all d scores, between the particles and their start at the last
+        temperature, where some are copies of one another; near 0 if they moved enough.
     acceptance : float
-        Fraction of the moves at the last temperature that were accepted.
+        Fraction of the moves proposed at the last temperature that were accepted.
     effective : ndarray, shape (d,)
-        Number of independent particles whose mean would have the variance of that of each score.
+        Effective sample size of each score: the number of independent particles whose mean would be
+        as uncertain.
     """
 
     scores: np.ndarray
@@ -91,13 +97,16 @@ def sample_posterior(
     Parameters
     ----------
     residuals : callable
-        Maps scores (n, d) to residuals (n, m).
+        The model: maps scores (n, d) to residuals (n, m) in sigma, NaN where a case has none.
     dimensions, size : int
-        Of the scores, d and n.
+        Number d of scores, and number n of particles.
     random : Generator
     coordinates : Coordinates, optional
-        In which the residuals are nearly quadratic; default the scores.
+        Functions of the scores in which the residuals are nearly quadratic; default the scores
+        themselves.
     report : callable (temperature, sweeps), optional
+        Called after each move of all particles, with the temperature and the number of moves so
+        far.
 
     Returns
     -------
@@ -106,7 +115,9 @@ def sample_posterior(
     Raises
     ------
     NoLikelihoodError
+        If no sample of the prior has finite residuals.
     FarPosteriorError
+        If 150 temperatures do not reach 1.
     """
     if coordinates is None:
         coordinates = Coordinates(np.tile(Coordinates.knots()[:, None], dimensions))
@@ -171,22 +182,24 @@ def sample_posterior(
 
 
 def _log_likelihood(residuals: np.ndarray) -> np.ndarray:
-    """Log likelihoods (n,); minus infinity where a residual is NaN."""
+    """Return the log likelihoods (n,), up to a constant, of residuals (n, m) in sigma; minus
+    infinity where a residual is NaN."""
     logs = -0.5 * (residuals**2).sum(axis=1)
     return np.where(np.isnan(logs), -np.inf, logs)
 
 
 @dataclass(frozen=True)
 class _GlobalMove:
-    """Proposals that keep a t distribution: ``mean`` (d,), Cholesky ``factor`` (d, d) of its
-    scale."""
+    """Proposals that preserve a multivariate t distribution, given by its ``mean`` (d,) and the
+    lower Cholesky ``factor`` (d, d) of its scale matrix."""
 
     mean: np.ndarray
     factor: np.ndarray
 
     @classmethod
     def of(cls, scores: np.ndarray, weights: np.ndarray) -> "_GlobalMove":
-        """Fit to weighted particles (n, d); with few of them, correlations shrink."""
+        """Fit the distribution to the mean and covariance of particles with ``scores`` (n, d) and
+        ``weights`` (n,); the fewer are effective, the more correlations are reduced towards 0."""
         mean = weights @ scores
         offsets = scores - mean
         covariance = (weights[:, None] * offsets).T @ offsets
@@ -199,7 +212,9 @@ class _GlobalMove:
     def propose(
         self, scores: np.ndarray, _: np.ndarray, length: float, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Proposals (n, d), and what `log_ratio` needs. A ``length`` of 1 forgets the scores."""
+        """Return proposals (n, d) from ``scores`` (n, d), and their squared Mahalanobis distances
+        (n,) from the mean, which `log_ratio` takes. ``length``, above 0 and up to 1, is the size of
+        the move: at 1 the direction of a proposal from the mean does not depend on the scores."""
         size, dimensions = scores.shape
         distance = self._distance(scores)
         scale = 0.5 * (_FREEDOM + distance)
@@ -209,12 +224,13 @@ class _GlobalMove:
         return proposal + length * np.sqrt(scale)[:, None] * noise, distance
 
     def log_ratio(self, proposal: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """Logs (n,) of the ratio of the densities of proposing back and forth."""
+        """Return the logarithm (n,) of the density of proposing the start from the proposal over
+        that of the opposite; ``distance`` is the second result of `propose`."""
         new, half = self._distance(proposal), 0.5 * (_FREEDOM + proposal.shape[1])
         return np.asarray(half * (np.log1p(new / _FREEDOM) - np.log1p(distance / _FREEDOM)))
 
     def _distance(self, scores: np.ndarray) -> np.ndarray:
-        """Squared Mahalanobis distances (n,)."""
+        """Return the squared Mahalanobis distances (n,) of scores (n, d) from the mean."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415
 
         offsets = solve_triangular(self.factor, (scores - self.mean).T, lower=True)
@@ -222,7 +238,8 @@ class _GlobalMove:
 
 
 def _weights(logs: np.ndarray) -> np.ndarray:
-    """Normalised weights (n,)."""
+    """Return weights (n,) that add up to 1 from their logarithms (n,), which need only be right up
+    to a constant."""
     weights = np.exp(logs - logs.max())
     return np.asarray(weights / weights.sum())
 
@@ -232,8 +249,8 @@ def _log_mean_exp(logs: np.ndarray) -> float:
 
 
 def _increment(logs: np.ndarray, most: float) -> float:
-    """Increment of the temperature, at most ``most``, that leaves a fraction of the possible
-    particles effective."""
+    """Return the increment of the temperature, at most ``most``, after which half of the particles
+    with a finite log likelihood in ``logs`` (n,) are effective."""
     wanted = _EFFECTIVE * np.count_nonzero(np.isfinite(logs))
 
     def suffices(increment: float) -> bool:
@@ -249,13 +266,15 @@ def _increment(logs: np.ndarray, most: float) -> float:
 
 
 def _resample(weights: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Indices (n,) of particles in proportion to their weights (systematic resampling)."""
+    """Return indices (n,) of particles, each as often as its weight in ``weights`` (n,) requires
+    (systematic resampling)."""
     points = (np.arange(len(weights)) + random.random()) / len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), points), len(weights) - 1)
 
 
 def _correlations(start: np.ndarray, scores: np.ndarray) -> np.ndarray:
-    """Correlations (d,) of scores (n, d) with their start."""
+    """Return for each of d scores the correlation (d,), over n particles, of its values in
+    ``scores`` (n, d) with those in ``start`` (n, d)."""
     a, b = start - start.mean(axis=0), scores - scores.mean(axis=0)
     product = (a * b).sum(axis=0)
     sizes = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
@@ -263,8 +282,12 @@ def _correlations(start: np.ndarray, scores: np.ndarray) -> np.ndarray:
 
 
 def _effective(before: np.ndarray, weights: np.ndarray, correlations: np.ndarray) -> np.ndarray:
-    """Numbers (d,) of independent particles after a temperature, from those ``before`` it: weights
-    (n,) make copies, of which moves keep a part, by the ``correlations`` (d,) with the start."""
+    """Return the effective sample size (d,) of each score after a temperature from that ``before``
+    it (d,).
+
+    Resampling by ``weights`` (n,) makes copies and reduces it; moves restore it, the more the
+    smaller the ``correlations`` (d,) with the start are.
+    """
     size, kept = len(weights), correlations**2
     copies = before / (size * (weights**2).sum())
     return np.asarray(1.0 / ((1.0 - kept) / size + kept / copies))

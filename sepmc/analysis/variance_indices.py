@@ -1,10 +1,13 @@
 """First-order and total variance indices, by estimators valid for the sampler and the input.
 
-The first-order index of an input is Var(E[Y | X]) / Var(Y). For independent rows it follows from
-the residual variance: cases are sorted by the input (ties in random order), half the mean square
-difference of outcomes k positions apart is extrapolated to k = 0 (Tong and Wang, Biometrika 92,
-2005), and the interval follows from the influence function 2 f Y - f^2 - S Y^2 with f = E[Y | X]
-(Da Veiga and Gamboa, J. Nonparametric Statistics 25, 2013).
+The first-order index S of an input X for an outcome Y is Var(E[Y | X]) / Var(Y). For independent
+cases it follows from the residual variance: cases are sorted by the input (ties in random order),
+half the mean square difference of outcomes k positions apart is extrapolated to k = 0 (Tong and
+Wang, Biometrika 92, 2005), and the interval follows from the influence function
+2 f Y - f^2 - S Y^2 with f = E[Y | X] (Da Veiga and Gamboa, J. Nonparametric Statistics 25, 2013).
+
+A Saltelli design consists of groups of d + 2 cases for d inputs: the first and the last case are
+independent, and each case between them has the inputs of the first, except one from the last.
 """
 
 from collections.abc import Mapping
@@ -20,8 +23,12 @@ BY_ROWS, BY_GROUPS, NONE = "rows", "groups", ""
 
 
 class ValidEstimator(NamedTuple):
-    """Estimator of first-order indices that is valid for a sampler (by groups: total indices, too),
-    and a ``note`` on the cases of that sampler, empty if there is none."""
+    """Estimator of indices that is valid for the cases of a sampler.
+
+    ``first`` is `BY_ROWS` (first-order indices from independent cases), `BY_GROUPS` (first-order
+    and total indices from a Saltelli design) or `NONE`; ``note`` is a sentence for the user on the
+    limitations, empty if there are none.
+    """
 
     first: str
     note: str = ""
@@ -54,7 +61,8 @@ _LAG_LIMITS, _LAGS_PER_ROOT = (4, 64), 0.5  # limits of the largest lag; lag ove
 
 
 def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return the first-order index of an input of many values, and half its 95 % interval.
+    """Return the first-order index of an input of many values, and the half-width of its 95 %
+    interval.
 
     Parameters
     ----------
@@ -64,6 +72,7 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     Returns
     -------
     index, half_width : float
+        The interval is ``index`` plus and minus ``half_width``.
     """
     n = len(y)
     y = _standard(y[_order(x, y)])
@@ -91,9 +100,12 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return the first-order index of an input (n,) of few values for an outcome (n,), and half its
-    95 % interval: epsilon squared, the variance between the groups of equal input, corrected for
-    chance (Kelley, PNAS 21, 1935)."""
+    """Return the first-order index of an input ``x`` (n,) of few values for an outcome ``y`` (n,),
+    and the half-width of its 95 % interval.
+
+    The index is epsilon squared: the fraction of variance between the groups of cases of equal
+    input, corrected for chance (Kelley, PNAS 21, 1935).
+    """
     n, group, y = len(y), np.unique(x, return_inverse=True)[1], _standard(y)
     size = np.bincount(group)
     mean = np.bincount(group, y) / size
@@ -109,8 +121,8 @@ def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str) -> np.ndarray:
-    """Return the mask (n,) of cases that do not repeat others: all, but of a group of a Saltelli
-    design the first and the last, as the rest repeat these in all inputs but one."""
+    """Return the mask (n,) of independent cases: all cases, but of each group of a Saltelli design
+    only the first and the last. ``inputs`` is the number of dispersed inputs."""
     count = len(cases["status"])
     if sampler != SALTELLI:
         return np.ones(count, dtype=bool)
@@ -119,8 +131,12 @@ def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str)
 
 
 class SaltelliGroups(NamedTuple):
-    """Complete groups of a Saltelli design: outcomes (groups, inputs + 2), number of groups left
-    out for a missing outcome, and the sequence of each group (groups,)."""
+    """Complete groups of a Saltelli design.
+
+    ``outcomes`` (groups, inputs + 2) of their cases, ``left_out``, the number of groups left out
+    for a missing case or outcome, and ``replicates`` (groups,), the index of the independently
+    scrambled sequence from which each group is.
+    """
 
     outcomes: np.ndarray
     left_out: int
@@ -128,27 +144,28 @@ class SaltelliGroups(NamedTuple):
 
 
 def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> SaltelliGroups:
-    """Return the groups of a Saltelli design.
+    """Return the complete groups of a Saltelli design.
 
     Parameters
     ----------
     numbers : ndarray, shape (n,), int
-        Case numbers.
+        Case numbers, which determine the group of a case and its place in it.
     x : ndarray, shape (inputs, n)
+        All dispersed inputs.
     y : ndarray, shape (n,)
-        NaN where a case does not have the outcome.
+        An outcome, NaN where a case does not have it.
 
     Raises
     ------
     ValueError
-        If inputs are not those of such a design, or too few groups are complete.
+        If the inputs are not those of such a design, or too few groups are complete.
     """
     size = len(x) + 2
     order = np.argsort(numbers, kind="stable")
     group = numbers[order] // size
     whole_groups = np.isin(group, np.unique(group)[np.unique(group, return_counts=True)[1] == size])
     if not whole_groups.any():
-        raise ValueError("no group of the Saltelli design is complete")
+        raise ValueError("no group of the Saltelli design has all its cases")
     x = x[:, order][:, whole_groups].reshape(len(x), -1, size)
     y = y[order][whole_groups].reshape(-1, size)
     first, last = x[:, :, 0], x[:, :, -1]
@@ -156,7 +173,8 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
         changed = np.where(np.arange(len(x))[:, None] == k, last, first)
         if not (x[:, :, k + 1] == changed).all():
             raise ValueError(
-                "the inputs are not those of a Saltelli design (run.samples gives some of them)"
+                "the inputs of the cases are not those of a Saltelli design, as if run.samples "
+                "gave some of them"
             )
     whole = np.isfinite(y).all(axis=1)
     n_left_out = len(y) - int(whole.sum())
@@ -164,24 +182,25 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
     if n_left_out > MAX_LEFT_OUT * len(y):
         raise ValueError(
             f"{n_left_out} of {len(y)} groups of the Saltelli design have a case without this "
-            "outcome: the others do not represent all"
+            "outcome, which is more than 5 %: the other groups do not represent all cases"
         )
     replicates = group[whole_groups].reshape(-1, size)[whole, 0] % REPLICATES
     if len(np.unique(replicates)) < REPLICATES:
         raise ValueError(
-            f"no group of some of the {REPLICATES} sequences of the Saltelli design is complete"
+            f"some of the {REPLICATES} sequences of the Saltelli design have no complete group of "
+            "cases with this outcome"
         )
     return SaltelliGroups(y[whole], n_left_out + n_incomplete, replicates)
 
 
 def saltelli_indices(groups: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
-    """Return first-order and total indices of a Saltelli design, each (2, inputs): index,
-    half-width.
+    """Return the first-order and the total indices of a Saltelli design, each as an array
+    (2, inputs): index, and the half-width of its 95 % interval.
 
     Equations b and f of Saltelli et al., Computer Physics Communications 181, 2010. The interval is
     Student's, from the independently scrambled sequences. The groups of one sequence are dependent,
-    as pairs of its dimensions have patterns: intervals that assume independent groups covered an
-    index of 0 in 46 % (256 groups, a product of two inputs).
+    as pairs of its dimensions have patterns: intervals that assume independent groups had a
+    coverage of 46 % for an index of 0 (256 groups, a product of two inputs).
     """
     outcomes = groups.outcomes
     independent = outcomes[:, [0, -1]]
@@ -206,11 +225,11 @@ def saltelli_indices(groups: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
 
 
 def few_cases_warning(grouped: np.ndarray, y: np.ndarray) -> str:
-    """Return the warning that intervals of indices are not given, as outliers determine the
-    variance of an outcome (n,); empty if they do not.
+    """Return the warning that indices have no intervals, as a few outliers determine the variance
+    of an outcome ``y`` (n,); an empty string if they do not.
 
-    Inputs of few values, ``grouped`` (d, n), explain their outliers: each of their values has cases
-    enough.
+    ``grouped`` (d, n) are inputs of few values, each with enough cases. Outliers that they explain
+    do not count: the means of the outcome over the cases of each value are subtracted first.
     """
     limit, y = MAX_TAIL * len(y), _standard(y)
     for row in grouped:
@@ -226,14 +245,14 @@ def few_cases_warning(grouped: np.ndarray, y: np.ndarray) -> str:
 
 
 def _standard(y: np.ndarray) -> np.ndarray:
-    """Return an outcome minus its mean, over its sigma."""
+    """Return an outcome (n,), minus its mean and divided by its sigma."""
     y = y - y.mean()
     return np.asarray(y / np.sqrt(y @ y / (len(y) - 1)))
 
 
 def _order(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the indices that sort cases by an input; ties in a random order that is independent of
-    the order of the rows."""
+    """Return the indices (n,) that sort cases by the input ``x``; ties are in a random order that
+    does not depend on the order of the rows, for which they are first sorted by ``y``."""
     rows = np.argsort(x, kind="stable")
     in_order = x[rows]
     if (in_order[1:] != in_order[:-1]).all():
@@ -243,7 +262,8 @@ def _order(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _neighbour_mean(y: np.ndarray, max_lag: int) -> np.ndarray:
-    """Return the mean of up to ``max_lag`` cases before and after each, without itself."""
+    """Return for each element of ``y`` (n,) the mean of up to ``max_lag`` elements before and up to
+    as many after it, without itself."""
     n = len(y)
     low, high = np.maximum(np.arange(n) - max_lag, 0), np.minimum(np.arange(n) + max_lag + 1, n)
     sums = np.concatenate(([0.0], np.cumsum(y)))
@@ -251,10 +271,11 @@ def _neighbour_mean(y: np.ndarray, max_lag: int) -> np.ndarray:
 
 
 def _half_width(influence: np.ndarray, excess: float, added: float) -> float:
-    """Return half the 95 % interval of a mean from the ``influence`` (n,) of each case.
+    """Return the half-width of the 95 % interval of an index from the ``influence`` (n,) of each
+    case on it: its variance, divided by n, is the variance of the index.
 
-    ``excess`` is subtracted from the variance of the influence, ``added`` added to that of the
-    mean. Degrees of freedom follow from the kurtosis (Satterthwaite, Biometrics 2, 1946).
+    ``excess`` is subtracted from the variance of the influence, and ``added`` is added to that of
+    the index. Degrees of freedom follow from the kurtosis (Satterthwaite, Biometrics 2, 1946).
     """
     n = len(influence)
     influence = influence - influence.mean()

@@ -1,1 +1,1 @@
-"""Figures and pages of a run (the only room that imports matplotlib)."""
+"""Figures, animations and HTML pages of runs (the only subpackage that imports matplotlib)."""

@@ -1,4 +1,8 @@
-"""Animation of one case: the separating bodies in side view and top view."""
+"""Animation of one case: the separating bodies in side view and top view.
+
+Layout points are points of the vehicle as a scene gives them: station (measured aft), y (up) and z
+(right), m.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,25 +34,26 @@ def animate(
     path: Path,
     progress: Callable[[int], None] = lambda frame: None,
 ) -> Path:
-    """Write the animation of one case as GIF or MP4.
+    """Write the animation of one case, in side view and top view, as GIF or MP4.
 
     The view moves with the common centre of mass and keeps the initial attitude of the first body:
     stations run to the right, as in drawings of the vehicle. It begins at the size of the vehicle
-    and widens as the bodies separate. A joint is filled until its release; an arrow is the
-    constraint force on a joint's second body, scaled to the largest one.
+    and widens as the bodies separate. The square that marks a joint is filled until its release; an
+    arrow is the constraint force on a joint's second body, scaled to the largest one.
 
     Parameters
     ----------
     history : DataFrame
-        Rows of a single flight, see `sepmc.schema.history_columns`; ``attrs["releases"]`` is the
-        time in s at which each joint became free (NaN if it did not).
+        Motion of the case over time, with the columns of `sepmc.schema.history_columns`;
+        ``attrs["releases"]`` is the time in s at which each joint became free (NaN if it did not).
     scene : Scene
-        Of this case.
+        Scene with the inputs of this case.
     title : str
+        Text above the views, followed by time and phase.
     path : Path
         Ends in .gif, or in .mp4 if ffmpeg is installed.
     progress : callable
-        Called with the number of each frame.
+        Called with the index, from 0, of each frame that is written.
 
     Returns
     -------
@@ -58,7 +63,7 @@ def animate(
     Raises
     ------
     ValueError
-        If there is no ffmpeg for an MP4.
+        If ``path`` ends in .mp4 and ffmpeg is not installed.
     """
     if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise ValueError(f"{path}: an MP4 needs ffmpeg, which is not installed; use .gif")
@@ -100,7 +105,8 @@ def _rows(history: pd.DataFrame) -> list[int]:
 
 
 class _Frame:
-    """Positions, attitudes and constraint forces of a case at one instant."""
+    """One frame of the animation: positions, attitudes and constraint forces of a case at the row
+    with the index ``row`` of its history; ``motion`` is from `poses`."""
 
     def __init__(self, history: pd.DataFrame, motion: Poses, scene: Scene, row: int):
         self.scene, state = scene, history.iloc[row]
@@ -123,22 +129,25 @@ class _Frame:
 
     @property
     def largest_force(self) -> float:
-        """Largest constraint force, N."""
+        """Magnitude of the largest constraint force, N; 0 without joints between two bodies."""
         return max((float(np.linalg.norm(f)) for f in self.forces.values()), default=0.0)
 
     def in_view(self, body: str, points: np.ndarray) -> np.ndarray:
-        """Transform layout points (n, 3) of a body to the view: aft, up, right (n, 3)."""
+        """Return layout points (n, 3) of a body, m, in the axes of the view, aft, up and right
+        (n, 3), m, from the common centre of mass."""
         arms = (points - np.array(self.scene.body[body].cg)) * [-1.0, 1.0, 1.0]
         return (self.positions[body] + self.rotations[body].apply(arms)) * [-1.0, 1.0, 1.0]
 
     def outer(self, name: str, body: Body) -> np.ndarray:
-        """Return the points (n, 3) of a body that the view must contain."""
+        """Return the points (n, 3) of a body, aft, up and right, m, that the view must contain:
+        those of its outline, its centre of mass and its joints."""
         parts = [np.array(p.points) if p.points else _rim_points(p) for p in body.outline]
         return self.in_view(name, np.concatenate([*parts, _mark_points(name, body, self.scene)]))
 
     def draw(self, ax: Axes, up: int, max_force: float, length: float) -> None:
-        """Draw bodies, joints and forces into a view with lateral coordinate ``up`` (1 or 2). A
-        constraint force of ``max_force`` (N) has an arrow of ``length`` (m)."""
+        """Draw bodies, joints and constraint forces into the axes ``ax``; ``up`` is the index of
+        the vertical coordinate: 1 (up) for the side view, 2 (right) for the top view. A force of
+        ``max_force`` (N) has an arrow of ``length`` (m)."""
         for number, (name, body) in enumerate(self.scene.body.items()):
             tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
             for part in body.outline:
@@ -162,8 +171,8 @@ class _Frame:
     def _joint(
         self, ax: Axes, up: int, name: str, joint: Joint, max_force: float, length: float
     ) -> None:
-        """Draw a joint and its constraint force, but nothing for a joint whose second body is the
-        ground; other arguments as for `draw`."""
+        """Draw the joint ``name`` and its constraint force, but nothing for a joint whose second
+        body is the ground; other arguments as for `draw`."""
         second = joint.bodies[1]
         if second == GROUND:
             return
@@ -179,7 +188,8 @@ class _Frame:
 
 
 def _rim_points(part: Part) -> np.ndarray:
-    """Return layout points (n, 3) around both rims of a part."""
+    """Return layout points (n, 3), m, around the two end circles of a part with stations and radii,
+    or along the two end arcs of a sector."""
     assert part.stations is not None
     assert part.radii is not None
     around = np.linspace(0.0, 2.0 * np.pi, _RIM_POINTS, endpoint=False)
@@ -197,7 +207,8 @@ def _rim_points(part: Part) -> np.ndarray:
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
-    """Return the silhouette (m, 2) of points (n, 2) of a convex part."""
+    """Return the corners (m, 2) of the convex hull of points (n, 2), the silhouette of a convex
+    part; the points themselves if they are on one line."""
     try:
         return points[ConvexHull(points).vertices]
     except QhullError:  # seen edge-on
@@ -205,7 +216,8 @@ def _hull(points: np.ndarray) -> np.ndarray:
 
 
 def _mark_points(name: str, body: Body, scene: Scene) -> np.ndarray:
-    """Return layout points (n, 3) in place of an outline: centre of mass and joints of a body."""
+    """Return layout points (n, 3), m, of a line that goes from the centre of mass of the body
+    ``name`` to each of its joints in turn; it is drawn for a body without an outline."""
     points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
     return np.array([point for joint in points for point in (body.cg, joint)] or [body.cg])
 
@@ -214,8 +226,8 @@ _View = tuple[tuple[float, float], ...]  # ends of the axes aft, up and right, m
 
 
 def _frame_views(frames: Sequence[_Frame], scene: Scene) -> tuple[list[_View], float]:
-    """Return the view of each frame, which never shrinks and contains all bodies, and the length of
-    the vehicle, m."""
+    """Return the view of each frame (low and high end of the axes aft, up and right, m) and the
+    length of the vehicle at the start, m. A view contains all bodies and all earlier views."""
     views = []
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     length = 0.0

@@ -1,4 +1,5 @@
-"""Figures of a benchmark: error over time, cost of features, stages, scaling, other engines."""
+"""Figures of a benchmark of sepmc: error over computing time, cost of features, times of processing
+stages, scaling with cases and threads, comparison with other engines."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -47,25 +48,26 @@ STAR: dict[str, Any] = {
 def draw(
     frames: Mapping[str, pd.DataFrame], folder: Path, title: str, threads: int, floor: float
 ) -> list[Path]:
-    """Draw the parts of a benchmark.
+    """Draw a figure for each table of a benchmark.
 
     Parameters
     ----------
-    frames : mapping of part to DataFrame
-        Tables by part: work_precision, row_errors, features, stages, scaling, peers; parts that are
-        missing or empty are not drawn.
+    frames : mapping of name to DataFrame
+        Tables work_precision, row_errors, features, stages, scaling and peers (other engines);
+        those that are missing or empty are not drawn.
     folder : Path
         Must exist.
     title : str
+        Name of what was measured, for the titles.
     threads : int
-        Threads of all parts without their own number.
+        Number of threads, for the titles of all figures but scaling and features.
     floor : float
-        Smallest error that the reference resolves.
+        Smallest error that the reference solution resolves.
 
     Returns
     -------
     list of Path
-        Files written, ``<part>.png``.
+        Files written, ``<name>.png``.
     """
     drawers = {
         "work_precision": _work_precision,
@@ -86,8 +88,8 @@ def draw(
 
 
 def _error_axes(ax: Axes, frame: pd.DataFrame, floor: float) -> None:
-    """Set logarithmic axes of error over time per case; shade errors below the resolution of the
-    reference."""
+    """Set logarithmic scales and labels of axes that show error over time per case, and shade
+    errors below ``floor``, the resolution of the reference; ``frame`` has the column ``error``."""
     ax.set(
         xscale="log",
         yscale="log",
@@ -103,7 +105,8 @@ def _error_axes(ax: Axes, frame: pd.DataFrame, floor: float) -> None:
 
 
 def _row_errors(frame: pd.DataFrame, title: str, floor: float) -> Figure:
-    """Draw the true error of every case over its estimated error."""
+    """Draw the true error of every case (``true_error``) over its estimated one (``error``); errors
+    below ``floor``, the resolution of the reference, are clipped."""
     figure, (ax,) = make_axes(1, 1, (7.0, 6.0))
     estimated = _clipped(frame["error"], floor)
     true = _clipped(frame["true_error"], floor)
@@ -140,8 +143,8 @@ def _row_errors(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _plain_decades(ax: Axes, which: str) -> None:
-    """Set plain numbers as ticks of a logarithmic axis (``which`` is "x" or "y") if it has at most
-    four decades; otherwise powers of ten."""
+    """Set the ticks of a logarithmic axis (``which`` is "x" or "y"): plain numbers if it has at
+    most four decades, else powers of ten."""
     axis = ax.xaxis if which == "x" else ax.yaxis
     low, high = axis.get_view_interval()
     if high > 1e4 * low:
@@ -153,12 +156,14 @@ def _plain_decades(ax: Axes, which: str) -> None:
 
 
 def _clipped(errors: pd.Series, floor: float) -> pd.Series:
-    """Clip errors at a third of the floor, so that zero can be drawn."""
+    """Return errors with those below a third of ``floor`` raised to it, so that 0 can be drawn on a
+    logarithmic scale."""
     return errors.clip(lower=floor / 3.0)
 
 
 def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
-    """Draw error over time by method and formulation."""
+    """Draw error over kernel time per case, a line for each integration method and formulation, and
+    the default setting as a star; errors below ``floor`` are clipped."""
     figure, (ax,) = make_axes(1, 1, (7.6, 5.6))
     for (formulation, method), rows in (
         (map(str, key), rows) for key, rows in frame.groupby(["formulation", "method"], sort=False)
@@ -191,8 +196,8 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _scale_note(rows: pd.DataFrame) -> str:
-    """Return a note on the number of timed cases in rows whose times were scaled from fewer cases;
-    empty if there are none."""
+    """Return a note on the number of cases that were timed, if times of ``rows`` were scaled up
+    from fewer cases; else an empty string."""
     if not rows["scaled"].any():
         return ""
     count = int(rows["cases"].min())
@@ -201,10 +206,12 @@ def _scale_note(rows: pd.DataFrame) -> str:
 
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
-    """Draw error over time of each engine, a line per kind of setting; of sepmc, the default kind.
+    """Draw error over time per case of each engine, a line per kind of setting (tolerance, or order
+    and steps by hand). Of an engine with a default setting, as sepmc, only the kind of the default
+    is drawn.
 
-    Errors below ``floor``, the resolution of the reference, are clipped. Times scaled from few
-    cases get markers without a line.
+    Errors below ``floor``, the resolution of the reference, are clipped. Times that were scaled up
+    from fewer cases get markers without a line.
     """
     figure, (ax,) = make_axes(1, 1, (8.4, 6.2))
     frame = frame[np.isfinite(frame["error"])].assign(
@@ -232,7 +239,8 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
-    """Draw time and operations of each variant relative to the whole scene."""
+    """Draw kernel time and floating-point operations of the scene without each feature (or with
+    histories), relative to the whole scene, which is the first row of ``frame``."""
     figure, (ax,) = make_axes(1, 1, (7.6, 1.6 + 0.55 * len(frame)))
     rows = frame.iloc[1:][::-1]
     positions = np.arange(len(rows))
@@ -267,7 +275,8 @@ def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
 
 
 def _stages(frame: pd.DataFrame, title: str, _: float) -> Figure:
-    """Draw the times of stages and commands."""
+    """Draw the times, s, of the processing stages of a campaign and of whole commands, with
+    compiled kernels in the cache (warm) or not (cold)."""
     figure, (ax,) = make_axes(1, 1, (7.6, 1.4 + 0.36 * len(frame)))
     rows = frame[::-1].reset_index(drop=True)
     colours = {
@@ -300,7 +309,8 @@ def _stages(frame: pd.DataFrame, title: str, _: float) -> Figure:
 
 
 def _scaling(frame: pd.DataFrame, title: str, _: float) -> Figure:
-    """Draw time and memory over cases, and speed-up over threads."""
+    """Draw kernel time per case and peak memory over the number of cases, and the speed-up over the
+    number of threads."""
     figure, (left, middle, right) = make_axes(1, 3, (3.67, 3.9))
     by_cases, threads = frame[frame["over"] == "cases"], frame[frame["over"] == "threads"]
     left.plot(by_cases["cases"], by_cases["us_per_case"], "o-", color=BLUE)

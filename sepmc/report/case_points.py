@@ -1,4 +1,5 @@
-"""Values of some cases for the figure of a report that zooms, which `points.js` draws."""
+"""Data of the interactive figure of a report, which `points.js` draws: values of some cases as
+dots, and histograms of all cases."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,24 +22,26 @@ def case_points(
     units: Mapping[str, str],
     bounds: Mapping[str, Sequence[float]],
 ) -> dict[str, Any]:
-    """Return values of at most `MAX_POINTS` cases, and histograms of all.
+    """Return the values of at most `MAX_POINTS` ok cases, and histograms of all ok cases.
 
     Parameters
     ----------
     cases : mapping of name to column, shape (n_cases,)
-        Read one column at a time.
+        Case table; it is read one column at a time.
     outcomes, inputs : sequence of str
-        Columns.
+        Columns to include.
     units : mapping of column to unit
     bounds : mapping of outcome to required bounds
 
     Returns
     -------
     dict
-        ``total``, number of completed cases; ``cases`` (m), numbers of the points: cases with
-        extremes of the outcomes, and others at equal distances; ``columns``: ``name``, ``words``,
-        ``unit``, ``kind``, ``bounds``, ``values`` (m), and ``counts`` of all cases between ``low``
-        and ``high``. Values that are not finite are None. Columns without two values are left out.
+        ``total``, number of ok cases; ``cases``, the numbers of the m cases drawn as dots: those
+        with the extremes of the outcomes, and others spaced evenly over the table; ``columns``, a
+        dict per column: its ``name``, ``words`` for it, ``unit``, ``kind`` (``outcome`` or
+        ``input``), required ``bounds``, ``values`` of the m cases (None if not finite), and
+        ``counts`` of all ok cases in 480 equal bins from ``low`` to ``high``. Columns without two
+        different values are left out.
     """
     ok = ok_rows(cases)
     rows = np.flatnonzero(ok)
@@ -57,7 +60,9 @@ def case_points(
 
 
 def _points(cases: Mapping[str, Any], rows: np.ndarray, outcomes: Sequence[str]) -> np.ndarray:
-    """Return the indices of the rows to draw, in order."""
+    """Return the indices, in increasing order, of the rows of the case table to draw as dots, at
+    most `MAX_POINTS`; ``rows`` are the indices of the ok rows, ``outcomes`` those whose extremes
+    are included."""
     if len(rows) <= MAX_POINTS:
         return rows
     extremes = [np.empty(0, dtype=np.int64)]
@@ -83,7 +88,8 @@ def _column(
     unit: str,
     bounds: Mapping[str, Sequence[float]],
 ) -> dict[str, Any] | None:
-    """Return a column for the figure; None if it has no two different finite values."""
+    """Return the dict of a column in the result of `case_points`; None if the ok cases have no two
+    different finite values. ``ok`` (n_cases,) is a mask, ``chosen`` (m,) are the rows drawn."""
     values = column(cases, name)
     finite = values[ok & np.isfinite(values)]
     if not len(finite) or (low := float(finite.min())) == (high := float(finite.max())):

@@ -1,4 +1,4 @@
-"""Outcomes of two runs in the same axes."""
+"""Figure that compares the outcomes of two runs in the same axes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,18 +15,22 @@ def overlay_figure(
     units: Mapping[str, str],
     names: tuple[str, str],
 ) -> Path:
-    """Draw the cumulative distributions of outcomes of two runs into ``compare.png``; return its
-    path.
+    """Draw the cumulative distribution of each outcome in two runs.
 
     Parameters
     ----------
     values : mapping of outcome to (ndarray, shape (n,), ndarray, shape (m,))
-        Finite values in the first and in the second run.
+        Finite values in the first and in the second run, at least one each.
     folder : Path
         Created if missing.
     units : mapping of outcome to unit
     names : tuple of str
-        Of the runs.
+        Names of the first and of the second run.
+
+    Returns
+    -------
+    Path
+        The file written, ``compare.png`` in the folder.
     """
     columns = min(3, len(values))
     figure, axes = make_axes(-(-len(values) // columns), columns, (3.8, 3.0))

@@ -36,8 +36,11 @@ def exceedance_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw for each requirement the fraction of cases beyond each value of its outcome, with the 95
-    % Clopper-Pearson band; between two bounds the fraction below each margin to the nearer one.
+    """Draw for each requirement the fraction of cases beyond each value of its outcome, with its
+    95 % Clopper-Pearson band.
+
+    For a requirement with two bounds it is the fraction of cases below each value of the margin,
+    the signed distance from the nearer bound.
 
     Parameters
     ----------
@@ -45,19 +48,19 @@ def exceedance_figure(
         Values in all cases; NaN, where a case does not have the outcome, counts as a violation, as
         it does for a verdict.
     verdicts : sequence of Verdict
-        Each is drawn if ``values`` has its metric.
+        Verdicts whose ``metric`` is not in ``values``, or which have no bound, are not drawn.
     folder : Path
         Created if missing.
     units : mapping of outcome to unit
     about : str
         The campaign, for the title.
     suffix : str
-        Of the file.
+        Ending of the file name, with its dot, which selects the format.
 
     Returns
     -------
     Path
-        ``requirements`` + suffix.
+        The file written, ``requirements`` + suffix in the folder.
     """
     drawn = [v for v in verdicts if v.metric in values and (v.at_least, v.at_most) != (None, None)]
     columns = min(2, len(drawn))
@@ -95,8 +98,8 @@ def exceedance_figure(
 
 
 def _exceedance(ax: Axes, values: np.ndarray, upper: bool) -> None:
-    """Draw the fraction of cases above (``upper``) or below each of their values (n,), and its 95 %
-    band; NaN counts as beyond every value."""
+    """Draw the fraction of cases above (if ``upper``) or below each value, as a curve over the
+    ``values`` (n,) of the cases, and its 95 % band; NaN counts as beyond every value."""
     x, n = np.sort(values[~np.isnan(values)]), len(values)
     ranks = np.unique(np.geomspace(1, len(x), _POINTS).astype(int))
     points = np.union1d(x[ranks - 1], x[len(x) - ranks])
@@ -126,7 +129,7 @@ def convergence_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw mean and sigma of outcomes over the number of cases, each with its 95 % band.
+    """Draw mean and sigma of each outcome over the number of cases, with 95 % bands.
 
     Parameters
     ----------
@@ -140,7 +143,7 @@ def convergence_figure(
     Returns
     -------
     Path
-        ``convergence`` + suffix.
+        The file written, ``convergence`` + suffix in the folder.
     """
     figure, axes = make_axes(len(values), 2, (5.2, 2.5))
     for row, (outcome, x) in enumerate(values.items()):
@@ -164,7 +167,8 @@ _MAX_LOG_FACTOR = 300.0  # largest logarithm of the factor on sigma, for few and
 
 
 def running_statistics(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
-    """Return mean and sigma of the first n cases of an outcome, each with its 95 % interval.
+    """Return mean and sigma of the first n cases of an outcome for several n, each with its 95 %
+    interval.
 
     The interval of the mean is Student's; that of sigma Bonett's (Computational Statistics and Data
     Analysis 50 (2006) 775), about the median of all values. With ten cases of a normal, a uniform
@@ -173,13 +177,14 @@ def running_statistics(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, 
     Parameters
     ----------
     x : ndarray, shape (cases,)
+        Values of the outcome, in the order of the cases.
     n : ndarray, shape (m,), int
-        Numbers of cases, >= 2.
+        Numbers of cases, at least 2 (for 1 the mean is given, and NaN for all else).
 
     Returns
     -------
-    mean, sigma : tuple of ndarray, each shape (m,)
-        The statistic and the low and high end of its interval, in the unit of x.
+    mean, sigma : tuple of three ndarray, each shape (m,)
+        For each n the statistic, and the low and the high end of its interval, in the unit of x.
     """
     median, span = np.median(x), max(float(np.ptp(x)), 1e-300)
     c = (x - median) / span  # scaled, so that powers neither overflow nor underflow

@@ -1,5 +1,8 @@
 """Drawing of the vehicle at the start, in side, top and rear view: outlines, centres of mass with
-their dispersion, joints, springs, motors with their thrust, and loads."""
+their dispersion, joints, springs, motors with their thrust, and loads.
+
+Points are in layout coordinates: station (measured aft), y (up) and z (right), m.
+"""
 
 import math
 from collections.abc import Sequence
@@ -28,15 +31,15 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class _View:
-    """View of layout points (station, y, z): indices of the coordinates to the right and up, and
-    labels of both axes."""
+    """View of layout points (station, y, z): ``across`` and ``up`` are the indices of the
+    coordinates drawn to the right and up, ``labels`` those of the two axes."""
 
     across: int
     up: int
     labels: tuple[str, str]
 
     def at(self, point: Sequence[float]) -> tuple[float, float]:
-        """Return the coordinates of a layout point in this view."""
+        """Return the horizontal and vertical coordinate, m, of a layout point in this view."""
         return point[self.across], point[self.up]
 
 
@@ -52,8 +55,8 @@ _COST_LABEL, _COST_MARK, _COST_LINE, _COST_DISTANCE = 20.0, 4.0, 1.0, 1.0
 
 
 class _Labels:
-    """Labels of points in a view; points closer than ``merge_distance`` share a label with a
-    count."""
+    """Labels of points in a view, collected first and placed by `write`. Points of one colour
+    closer than about ``merge_distance`` (m) share a label, with the number of further ones."""
 
     def __init__(self, ax: Axes, merge_distance: float):
         self.ax, self.merge_distance = ax, merge_distance
@@ -62,18 +65,18 @@ class _Labels:
         self.lines: list[np.ndarray] = []
 
     def add(self, at: tuple[float, float], name: str, colour: str) -> None:
-        """Add the label ``name`` of a point, given by its coordinates in the view."""
+        """Add the label ``name`` in a colour to the point ``at``, in coordinates of the view, m."""
         cell = (round(at[0] / self.merge_distance), round(at[1] / self.merge_distance), colour)
         self.names.setdefault(cell, (at, [], colour))[1].append(name)
         self.marks.append(at)
 
     def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Add a line that labels should not cover."""
+        """Add a line between two points of the view, m, that labels should not cover."""
         self.lines.append(np.array([start, end]))
 
     def write(self) -> None:
-        """Place each label inside the axes and near its point, where it overlaps least with marks,
-        lines and earlier labels; needs the final layout of the axes."""
+        """Draw each label inside the axes and near its point, where it overlaps least with marks,
+        lines and earlier labels. The axes must have their final size and limits."""
         canvas = self.ax.figure.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         renderer, bounds = canvas.get_renderer(), np.array([self.ax.get_window_extent().extents])
@@ -123,20 +126,22 @@ class _Labels:
 
 
 def _boxes_around(centres: np.ndarray, half: float | np.ndarray) -> np.ndarray:
-    """Return boxes (n, 4), as two corners, around centres (n, 2) with half their width and
-    height."""
+    """Return boxes (n, 4), each as lower left and upper right corner, around centres (n, 2);
+    ``half`` is half their width and height: one number, (2,) or (n, 2)."""
     return np.hstack([centres - half, centres + half])
 
 
 def _boxes_along(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return boxes (n, 4) in a row along a line, in pixels."""
+    """Return small boxes (n, 4) side by side that cover the line from ``start`` to ``end``, in
+    pixels."""
     count = int(np.hypot(*(end - start)) / (2.0 * _LINE_RADIUS)) + 1
     fractions = ((np.arange(count) + 0.5) / count)[:, None]
     return _boxes_around(start + (end - start) * fractions, _LINE_RADIUS)
 
 
 def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the common areas (n, m) of boxes (n, 4) and others (m, 4)."""
+    """Return the area (n, m) that each of the ``boxes`` (n, 4) has in common with each of the
+    ``others`` (m, 4)."""
     low = np.maximum(boxes[:, None, :2], others[:, :2])
     high = np.minimum(boxes[:, None, 2:], others[:, 2:])
     return np.prod(np.maximum(high - low, 0.0), axis=2)
@@ -148,17 +153,18 @@ _END = _View(2, 1, ("z, right (m)", "y, up (m)"))
 
 
 def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: Path) -> Path:
-    """Draw a scene.
+    """Draw the vehicle of a scene at the start, in three views, and write the figure.
 
     Parameters
     ----------
     scene : Scene
-        With its nominal values.
+        Scene with its nominal values.
     dispersions : sequence of Dispersion
-        Those of centres of mass are drawn as ellipses to their ends, or to three sigma.
+        Those of centres of mass are drawn as ellipses that reach to the ends of the distributions,
+        or to three sigma; others are not drawn.
     title : str
     path : Path
-        The suffix selects the format.
+        File to write; the suffix selects the format.
 
     Returns
     -------
@@ -216,7 +222,8 @@ def _size(scene: Scene) -> float:
 
 
 def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
-    """Draw the parts of bodies: filled, or dashed if hollow."""
+    """Draw the parts of the outlines of all bodies in a view: solids filled, hollow parts dashed,
+    sectors as thick lines, points as dots; labels are to avoid their edges."""
     for number, body in enumerate(scene.body.values()):
         tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
         for part in body.outline:
@@ -235,8 +242,8 @@ def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _dots(part: Part, view: _View) -> list[tuple[float, float]]:
-    """Return the coordinates in a view of what is drawn as dots: the points of a part, and a part
-    without radius (a line) that is seen end-on."""
+    """Return the coordinates in a view, m, of the dots of a part: of its points, and of a part
+    without radius (a line) in rear view, where it is seen end-on."""
     points = list(part.points)
     if view is _END and part.stations is not None and part.radii == (0.0, 0.0):
         points.append((part.stations[0], *part.offset))
@@ -244,8 +251,8 @@ def _dots(part: Part, view: _View) -> list[tuple[float, float]]:
 
 
 def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
-    """Return the matplotlib shapes of a part in a view, with the given ``style``; none for a part
-    of points."""
+    """Return the matplotlib patches that draw a part in a view; ``style`` are their keyword
+    arguments. The list is empty for a part of points."""
     if part.stations is None or part.radii is None:
         return []
     y, z = part.offset
@@ -265,7 +272,8 @@ def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
 
 
 def _sector_shapes(part: Part, view: _View, style: dict[str, object]) -> list[Patch]:
-    """Return the shapes of a sector: its arcs in rear view, else the area that its wall covers."""
+    """Return the patches of a part that is a sector of a shell: its arcs in rear view, in the other
+    views the area that its wall covers; arguments as for `_shapes`."""
     assert part.stations is not None
     assert part.radii is not None
     assert part.sector is not None
@@ -285,8 +293,8 @@ def _sector_shapes(part: Part, view: _View, style: dict[str, object]) -> list[Pa
 
 
 def _on_circle(part: Part, radius: float, angles: np.ndarray) -> np.ndarray:
-    """Return points (n, 2), y and z, m, of a circle of a part at angles (n,) about body x, rad: 0
-    toward z, 90 deg toward -y."""
+    """Return the points (n, 2), y and z, m, at angles (n,) of the circle of a ``radius`` (m) about
+    the axis of a part. Angles are about body x, rad: 0 is toward z, pi / 2 toward -y."""
     y, z = part.offset
     return np.column_stack([y - radius * np.sin(angles), z + radius * np.cos(angles)])
 
@@ -294,8 +302,8 @@ def _on_circle(part: Part, radius: float, angles: np.ndarray) -> np.ndarray:
 def _masses(
     labels: _Labels, scene: Scene, view: _View, reach: dict[str, tuple[float, float]]
 ) -> None:
-    """Draw the centres of mass, and ellipses of their dispersion: ``reach`` has the ends of each
-    dispersed parameter by path, SI."""
+    """Draw the centres of mass with names and masses, and ellipses of their dispersion; ``reach``
+    has the low and high end of each dispersed parameter by its path without unit, SI."""
     for number, (name, body) in enumerate(scene.body.items()):
         edge, at = EDGES[number % len(EDGES)], view.at(body.cg)
         labels.ax.plot(*at, marker="o", ms=9, mfc="white", mec=edge, mew=1.6, zorder=4)
@@ -313,7 +321,7 @@ def _masses(
 
 
 def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
-    """Draw the joints."""
+    """Draw each joint as a square with its name, and a line to its second point, if it has one."""
     ax = labels.ax
     for name, joint in scene.joint.items():
         at = view.at(joint.point)
@@ -326,8 +334,8 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
-    """Draw springs between bodies, motors, and loads in body axes as arrows of a ``length`` (m) in
-    the direction of their force."""
+    """Draw each motor, each spring between two bodies and each load in body axes as an arrow of the
+    same ``length`` (m) in the direction of its force."""
     scene = with_sizes(scene)
     for spring in scene.spring:
         # body x points forward, stations count aft
@@ -345,8 +353,8 @@ def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
 def _arrow(
     labels: _Labels, view: _View, point: Point, along: Point, length: float, colour: str, name: str
 ) -> None:
-    """Draw an arrow of a ``length`` (m) with the label ``name`` from a layout point, in the
-    direction ``along`` (body axes); a cross if it is seen end-on."""
+    """Draw an arrow of a ``length`` (m) from a layout point in the direction ``along``, a unit
+    vector in body axes, with the label ``name``; a cross without a label if it is seen end-on."""
     ax, start = labels.ax, view.at(point)
     step = view.at((-along[0] * length, along[1] * length, along[2] * length))
     if math.hypot(*step) < 0.05 * length:  # seen end-on
@@ -361,8 +369,8 @@ def _arrow(
 
 
 def nozzle_point(motor: Motor) -> Point:
-    """Return the point of a motor's force in layout coordinates
-    (`sepmc.physics.propulsion.thrust_arm`)."""
+    """Return the point where a motor's thrust acts, in layout coordinates (station, y, z), m, as
+    `sepmc.physics.propulsion.thrust_arm` has it."""
     y, z = motor.offset
     return (
         motor.station,
@@ -372,14 +380,14 @@ def nozzle_point(motor: Motor) -> Point:
 
 
 def _direction(first: Point, second: Point | None) -> Point:
-    """Return the unit vector, body axes, from one layout point to another; (1, 0, 0) if they
-    coincide or there is no second one."""
+    """Return the unit vector, in body axes, from the ``first`` layout point to the ``second``;
+    (1, 0, 0) if they coincide or the second is None."""
     end = second or first
     difference = (first[0] - end[0], end[1] - first[1], end[2] - first[2])
     return _unit(difference) if any(difference) else (1.0, 0.0, 0.0)
 
 
 def _unit(vector: Sequence[float]) -> Point:
-    """Return the unit vector along a vector (3,)."""
+    """Return the unit vector in the direction of a vector (3,) that is not 0."""
     x, y, z = np.array(vector) / np.linalg.norm(vector)
     return float(x), float(y), float(z)

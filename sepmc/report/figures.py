@@ -41,8 +41,8 @@ CURVES = (
 
 
 def separation_curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
-    """Return the separation columns of every joint in a frame: (column, prefix of its joint or "",
-    words, unit)."""
+    """Return, for each column of separation speed or distance in ``frame``, the column, its prefix
+    (``<joint>_``, or empty for the whole vehicle), the quantity in words and its unit."""
     names = [str(name) for name in frame.columns]
     return [
         (name, name.removesuffix(stem), words, unit)
@@ -64,26 +64,29 @@ def band_figures(
     about: str = "",
     suffix: str = ".png",
 ) -> list[Path]:
-    """Draw separation speed and distance of every joint over time as percentile bands over the
-    cases, a file for each.
+    """Draw each separation speed and distance over time, as percentile bands over the cases, in a
+    figure of its own.
 
     Parameters
     ----------
     histories : DataFrame, long form
-        ``case``, ``time_s`` and separation columns, without failed cases.
+        A row per case and time, without failed cases: ``case``, ``time_s`` and the columns of
+        separation speed and distance.
     folder : Path
         Created if missing.
     units : mapping of column to unit
     labels : mapping of column to words, optional
+        Replace the words for a column in labels and titles.
     about : str
         Second line of the titles.
     suffix : str
-        Ending of the files.
+        Ending of the file names, with its dot, which selects the format.
 
     Returns
     -------
     list of Path
-        Files written.
+        Files written, ``<joint>_separation_speed`` + suffix and so on; columns without values are
+        left out.
     """
     folder, labels, written = make_folder(folder), labels or {}, []
     for name, prefix, words, unit in separation_curves(histories):
@@ -106,7 +109,10 @@ def histogram_figures(
     suffix: str = ".png",
     alone: bool = True,
 ) -> list[Path]:
-    """Draw histograms of outcomes side by side, and each in a figure of its own if ``alone``.
+    """Draw an overview of histograms side by side, and if ``alone`` also each in its own figure.
+
+    The overview has the outcomes with a reference or required bounds if there is a reference; else
+    the first 12 outcomes, those with required bounds first.
 
     Parameters
     ----------
@@ -115,18 +121,18 @@ def histogram_figures(
     folder, units, labels, about, suffix
         As for `band_figures`.
     reference : mapping of outcome to {"mean", "min", "max", ...}, optional
-        Marked in the histograms.
+        Reference values, marked in the histograms, in the outcome's unit.
     source : str
         Name of the reference in legends.
     required : mapping of outcome to bounds, optional
         Required bounds, marked in the histograms.
     alone : bool
-        Draw each histogram in a file of its own, ``hist_<outcome>`` + suffix, too.
+        True to draw each histogram also in a file of its own, ``hist_<outcome>`` + suffix.
 
     Returns
     -------
     list of Path
-        Files written.
+        Files written; the overview, ``histograms`` + suffix, is the last.
     """
     folder, reference, labels = make_folder(folder), reference or {}, labels or {}
     required, written = required or {}, []
@@ -158,7 +164,8 @@ def histogram_figures(
 def _histograms(
     panels: Sequence[tuple[Any, ...]], path: Path, about: str, side_by_side: bool
 ) -> Path:
-    """Draw a figure of histograms, each given by the arguments of `_histogram`; return its path."""
+    """Draw a figure of histograms, three in a row if ``side_by_side``, else one, and return its
+    path; each of the ``panels`` is a tuple of the arguments of `_histogram` after ``ax``."""
     columns = min(3, len(panels)) if side_by_side else 1
     figure, axes = make_axes(
         -(-len(panels) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
@@ -174,7 +181,8 @@ def _histograms(
 
 
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
-    """Draw envelope, percentile bands, median and a few single cases of a quantity over time."""
+    """Draw minimum, maximum, percentile bands and median of a quantity over time, and a few single
+    cases, into the file ``path``, and return it; other arguments as for `band_figures`."""
     curves = percentile_curves(histories, column).dropna(how="all")
     figure, (ax,) = make_axes(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:
@@ -210,10 +218,11 @@ def _histogram(
     source: str,
     required: Sequence[float],
 ) -> None:
-    """Draw the density histogram of an outcome, on a logarithmic axis if it has a long tail.
+    """Draw the histogram of an outcome as a density, on a logarithmic axis if it has a long tail.
 
-    The figure has its extremes, the reference, the required bounds and, if it is nearly normal, the
-    normal density of equal mean and sigma.
+    Also marked are the extremes, the ``reference`` values, the ``required`` bounds and, if the
+    distribution is nearly normal, the normal density of equal mean and sigma. ``words`` and
+    ``unit`` label the axis; ``source`` names the reference.
     """
     mean, sigma, has_bins = histogram.mean, histogram.sigma, histogram.edges.size > 0
     if has_bins:
@@ -296,15 +305,16 @@ _TAIL = 0.3  # of all bars: if more are too low to see, the scale is logarithmic
 
 
 def _has_long_tail(histogram: Histogram) -> bool:
-    """Return True if so many bars are too low to see that a linear scale hides the distribution."""
+    """Return True if more than 30 % of the occupied bins are lower than 1 % of the highest, so that
+    a linear scale would hide the distribution."""
     occupied = histogram.counts > 0
     low_bars = occupied & (histogram.counts < _SEEN * histogram.counts.max())
     return bool(low_bars.sum() > _TAIL * occupied.sum())
 
 
 def _is_bell(histogram: Histogram) -> bool:
-    """Return True if the skewness and excess kurtosis of a histogram are near those of a normal
-    distribution: 0."""
+    """Return True if skewness and excess kurtosis of a histogram are below 0.2 and 0.4 in absolute
+    value, near those of a normal distribution."""
     weights = histogram.counts / histogram.counts.sum()
     centres = 0.5 * (histogram.edges[1:] + histogram.edges[:-1])
     deviations = centres - weights @ centres

@@ -1,4 +1,4 @@
-"""Telemetry of a flight over the envelope of a run."""
+"""Figure of the telemetry of a flight over the envelope of a run."""
 
 from pathlib import Path
 
@@ -18,18 +18,20 @@ _DOTS = 150  # samples of a channel up to which each is marked
 
 
 def draw_flight(comparison: FlightComparison, path: str | Path) -> Path:
-    """Draw each channel of a flight over the percentile bands of the cases.
+    """Draw each channel of a flight over the percentile bands of the cases, and write the figure.
 
     Parameters
     ----------
     comparison : FlightComparison
-        Of `Result.compare_flight`.
+        From `Result.compare_flight`.
     path : str or Path
-        ``.png``, ``.svg`` or ``.pdf``.
+        File to write; the suffix, ``.png``, ``.svg`` or ``.pdf``, selects the format. Its folder is
+        created if missing.
 
     Returns
     -------
     Path
+        ``path``.
     """
     path, curves = Path(path), comparison.curves
     units = {str(name): str(unit) for name, unit in comparison.channels["unit"].items()}

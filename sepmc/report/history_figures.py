@@ -1,5 +1,5 @@
-"""Figures of a single run over time, after Figs 2 to 7 of Wang, Li, Liu, Journal of System
-Simulation 31(4), 2019."""
+"""Figures of one case over time, after Figs 2 to 7 of Wang, Li, Liu, Journal of System Simulation
+31(4), 2019."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -41,22 +41,23 @@ _TOO_FLAT = 0.05  # fraction of a shared scale below which a panel keeps its own
 
 
 class Panel(NamedTuple):
-    """Content of one pair of axes over time.
+    """Content of one panel of a figure: lines over time in one pair of axes.
 
     Parameters
     ----------
     label : str
-        Of the ordinate.
+        Label of the ordinate.
     lines : list of (column, label)
-        Columns of the history, and their labels in the legend.
+        Columns of the history to draw, and their labels in the legend.
     styles : tuple of (colour, line style)
-        For the lines in order, repeated if there are more lines.
+        Styles of the lines in order, repeated if there are more lines.
     small_counts : bool
-        True if small values matter, which selects a logarithmic scale beside much larger ones.
+        True if small values matter, as for a clearance: the minimum is then part of the label, and
+        the scale is logarithmic if the values span more than a factor of ten.
     quantity : str
-        Panels of the same quantity share a scale.
+        Panels of a figure with the same quantity share a scale; empty: none shared.
     required : sequence of float
-        Required bounds.
+        Required bounds, drawn as horizontal lines.
     """
 
     label: str
@@ -79,12 +80,12 @@ def run_figures(
     required: Mapping[str, Sequence[float]] | None = None,
     marks: Mapping[str, float] | None = None,
 ) -> list[Path]:
-    """Draw a single run over time. Thin lines mark the phases, named above; dotted lines mark
-    releases and events, named in the legend.
+    """Draw the motion, forces and clearances of one case over time, a file for each kind. Thin
+    lines mark the phases, named above; dotted lines mark releases and events, named in the legend.
 
     Parameters
     ----------
-    history : DataFrame, shape (n_rows, ...)
+    history : DataFrame, a row per time
         ``time_s``, ``phase``, and optionally: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``,
         ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
         body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
@@ -96,26 +97,26 @@ def run_figures(
     folder : Path
         Created if missing.
     bodies, joints : sequence of str
-        Names; a joint that does not touch a body has no columns for it.
+        Names of all bodies and joints of the scene.
     about : str
         Second line of the titles: campaign and case.
     suffix : str
-        Of the files.
+        Ending of the file names, with its dot, which selects the format.
     behind : DataFrame, optional
         History of the nominal case, drawn behind in pale lines.
     only : collection of str, optional
-        Draw only these files, without their suffix.
+        Names, without suffix, of the only files to draw; all if None.
     required : mapping of outcome to bounds, optional
-        Those of clearances are marked.
+        Required bounds; those of clearances are marked.
     marks : mapping of name to time in s, optional
-        Releases and events.
+        Times of releases and events.
 
     Returns
     -------
     list of Path
-        ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
-        ``axial_acceleration.png``, ``separation.png``, ``hinges.png``, ``relative_motion.png``,
-        ``signals.png``, ``clearances.png``, ``pin_loads.png``; those without data are left out, and
+        Files written: ``force_on_<body>``, ``moment_on_<body>``, ``rates``, ``angles``,
+        ``axial_acceleration``, ``separation``, ``hinges``, ``relative_motion``, ``signals``,
+        ``clearances``, ``pin_loads``, each + suffix. Those without data are left out, and so are
         forces, moments and separations that stay 0.
     """
     folder, written = make_folder(folder), []
@@ -296,8 +297,9 @@ def _time_page(
     behind: pd.DataFrame | None,
     marks: Mapping[str, float],
 ) -> Path:
-    """Draw panels over one time axis into a file, with the phases and the ``marks`` (times, s, by
-    name), and the nominal case ``behind``; return the path of the file."""
+    """Draw panels over a common time axis, in rows of ``columns``, into the file ``path``, and
+    return it. ``marks`` are times, s, by name; ``behind`` is the history of the nominal case, drawn
+    in pale lines."""
     rows = -(-len(panels) // columns)
     figure, axes = make_axes(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
@@ -360,8 +362,8 @@ _MARK_STYLES = ((0, (1, 1)), (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (1, 3)))
 
 
 def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
-    """Draw a line at the time of each mark within the axes; marks near each other share a style and
-    a legend entry."""
+    """Draw a vertical line at the time, s, of each of the ``marks`` within the axes; marks near
+    each other share a line style and a legend entry."""
     begin, end = ax.get_xlim()
     groups: list[list[tuple[float, str]]] = []
     for time, name in sorted((time, to_words(name)) for name, time in marks.items()):
@@ -391,8 +393,8 @@ _SHORT, _TALL = 26, 48  # 10 pt letters along the ordinate of stacked and of sin
 
 
 def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
-    """Return the label of an ordinate, folded to lines of so many ``letters``, with the minimum if
-    small values matter."""
+    """Return the label of a panel's ordinate, folded to lines of at most ``letters`` characters; if
+    small values matter, with a line on the minimum of its first column."""
     text, name = fill(panel.label, letters), panel.lines[0][0]
     if not panel.small_counts or not history[name].notna().any():
         return text
@@ -402,8 +404,8 @@ def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
 
 
 def _share_scale(axes: Sequence[Axes]) -> None:
-    """Give axes one scale, except those whose data would be invisible, which are labelled ``own
-    scale``."""
+    """Set the same vertical limits in all ``axes``, except in those whose data would then span less
+    than 5 % of the height: these keep their limits and are labelled ``own scale``."""
     limits = np.array([ax.get_ylim() for ax in axes])
     low, high = limits[:, 0].min(), limits[:, 1].max()
     for ax, (own_low, own_high) in zip(axes, limits, strict=True):
@@ -414,14 +416,15 @@ def _share_scale(axes: Sequence[Axes]) -> None:
 
 
 def _spans(values: "pd.Series[float]", bounds: Sequence[float]) -> bool:
-    """Return True if values and bounds are positive and span more than a factor of ten."""
+    """Return True if values and bounds are all positive and span more than a factor of ten."""
     numbers = np.append(values, bounds)
     low, high = np.nanmin(numbers), np.nanmax(numbers)
     return bool(0.0 < 10.0 * low < high)
 
 
 def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
-    """Return name, start and end in s of each phase, in order."""
+    """Return (name, start, end), times in s, of each phase of a history, in order; an empty list
+    without a column ``phase``."""
     if "phase" not in history or history.empty:
         return []
     names, time = history["phase"].to_numpy(), history["time_s"].to_numpy()
@@ -430,8 +433,8 @@ def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
 
 
 def _name_phases(ax: Axes, phases: Iterable[tuple[str, float, float]], inches: float) -> None:
-    """Write the name of each phase above its span; all are slanted if one is wider than its
-    span."""
+    """Write the name of each phase, from `_phases`, above its span of the time axis; all names are
+    slanted if one is wider than its span. ``inches`` is the width of the axes with its labels."""
     phases = list(phases)
     duration = phases[-1][2] - phases[0][1] if phases else 0.0
     # 8 pt letters are about 4.4 pt wide; the axes take about 85 % of the width of the figure

@@ -1,4 +1,4 @@
-"""Forces of springs and loads over the history of a case, for replays."""
+"""Forces of springs and loads at each row of the history of a case, for the arrows of replays."""
 
 from collections.abc import Iterator
 
@@ -11,16 +11,24 @@ from sepmc.scene.model import GROUND, ForceTable, Load, Scene, Spring
 
 
 def driven(history: pd.DataFrame, scene: Scene, path: str, value: float) -> np.ndarray:
-    """Return a number of the scene (n,), SI: a constant, or what the signal gives that drives it.
+    """Return the value of a parameter of the scene at each row of a history: a constant, or that of
+    the signal that drives it.
 
     Parameters
     ----------
     history : DataFrame, n rows
+        History of a case, with the columns ``signal_<name>``.
     scene : Scene
+        Scene of the case.
     path : str
-        Path without units.
+        TOML path of the parameter without units, such as ``load.push.force.x``.
     value : float
-        If nothing drives it, SI.
+        Constant value, SI, which is used if no signal drives the parameter.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        SI.
     """
     drive = scene.driven.get(path)
     if drive is None:
@@ -31,7 +39,8 @@ def driven(history: pd.DataFrame, scene: Scene, path: str, value: float) -> np.n
 def load_forces(
     history: pd.DataFrame, scene: Scene, motion: Poses
 ) -> Iterator[tuple[Load, np.ndarray]]:
-    """Yield each load that has a force, and the force (n, 3), N, in the axes of the motion."""
+    """Yield each load with a force that is not 0 throughout, and its force (n, 3), N, at the n rows
+    of a history, in the axes of ``motion`` (see `Poses`)."""
     time = history["time_s"].to_numpy()
     for load in scene.load:
         components = [
@@ -48,8 +57,8 @@ def load_forces(
 def spring_forces(
     history: pd.DataFrame, scene: Scene, motion: Poses
 ) -> Iterator[tuple[Spring, np.ndarray]]:
-    """Yield each spring between two bodies, and its force (n, 3) on the second one, N, in the axes
-    of the motion."""
+    """Yield each spring between two bodies, and its force (n, 3), N, on the second body at the n
+    rows of a history, in the axes of ``motion`` (see `Poses`)."""
     time, ends = history["time_s"].to_numpy(), history.attrs["springs"]
     for spring in scene.spring:
         if GROUND in spring.bodies:
@@ -70,7 +79,9 @@ def spring_forces(
 
 
 def _of_table(table: ForceTable, extension: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the force (n,) of a table, N."""
+    """Return the force (n,), N, that a spring's table gives at an ``extension`` (n,), m; where its
+    ``rate`` (n,), m/s, is negative, times the return factor. Beyond the table its end values
+    count."""
     points, values = np.array(table.extension), np.array(table.force)
     within = np.clip(extension, points[0], points[-1])
     kinds = {"cubic": CubicSpline, "monotone": PchipInterpolator}
@@ -84,8 +95,9 @@ def _of_table(table: ForceTable, extension: np.ndarray, rate: np.ndarray) -> np.
 def _line(
     history: pd.DataFrame, scene: Scene, spring: Spring, motion: Poses
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the direction (n, 3) of the force on the second body, and length (n,) in m and its
-    rate, m/s."""
+    """Return for each row of a history the unit vector (n, 3), in the axes of ``motion``, along
+    which a spring pushes its second body, its length (n,), m, and the rate of its length (n,),
+    m/s. A spring with an axis has its length measured along that axis of its first body."""
     ends, velocities, spins = [], [], []
     for body, point in zip(
         spring.bodies, (spring.point, spring.second_point or spring.point), strict=True

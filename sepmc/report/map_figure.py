@@ -1,4 +1,5 @@
-"""Figures of maps of designs: where a requirement is shown, refuted or open."""
+"""Figures of design maps: for which values of one or two design variables a requirement is shown,
+refuted or neither (open)."""
 
 from pathlib import Path
 
@@ -30,20 +31,23 @@ def map_figure(
     Parameters
     ----------
     designs : DesignMap
-        With one or two axes.
+        Map with one or two axes.
     requirement : Requirement
+        One of the requirements of the map.
     sentence : str
-        The requirement in words.
+        The requirement in words, for the title.
     nominal : tuple of float or None
-        Nominal values of the axes, in their units; None if several parameters differ.
+        Nominal value of each axis, in its unit; None if it stands for several parameters with
+        different nominal values.
     about : str
         The campaign, for the title.
     path : Path
-        The suffix selects the format.
+        File to write; the suffix selects the format.
 
     Returns
     -------
     Path
+        ``path``.
     """
     figure, (ax,) = make_axes(1, 1, (7.2, 5.4 if len(designs.axes) > 1 else 4.4))
     if len(designs.axes) > 1:
@@ -58,7 +62,8 @@ def map_figure(
 def _draw_plane(
     ax: Axes, designs: DesignMap, requirement: Requirement, nominal: tuple[float | None, ...]
 ) -> None:
-    """Draw verdicts as cells, and contours of the fraction of violating cases."""
+    """Draw a map with two axes: verdicts as coloured cells, and contours of the fraction of
+    violating cases; arguments as for `map_figure`."""
     x, y = (axis.values for axis in designs.axes)
     verdicts = designs.grid(requirement.name)
     codes = np.where(verdicts == PASS, 0, np.where(verdicts == FAIL, 2, 1))
@@ -83,7 +88,8 @@ def _draw_plane(
 def _draw_line(
     ax: Axes, designs: DesignMap, requirement: Requirement, nominal: tuple[float | None, ...]
 ) -> None:
-    """Draw the fraction of violating cases with its interval, and verdicts behind it."""
+    """Draw a map with one axis: the percentage of violating cases with its 95 % interval, and the
+    verdicts as colours behind it; arguments as for `map_figure`."""
     axis, name = designs.axes[0], requirement.name
     x, verdicts = axis.values, designs.grid(requirement.name)[0]
     edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])
@@ -106,13 +112,14 @@ def _draw_line(
 
 
 def _name_verdicts(ax: Axes) -> None:
-    """Name the colours of the verdicts in the legend."""
+    """Add a legend entry for the colour of each verdict to the axes."""
     for word, colour in _WORDS.items():
         ax.plot([], [], "s", markersize=10, color=colour, markeredgecolor="#999999", label=word)
 
 
 def _mark_nominal(ax: Axes, designs: DesignMap, nominal: tuple[float | None, ...]) -> None:
-    """Mark the nominal design, if it lies in the map."""
+    """Mark the nominal design in the axes, unless it is outside the map or a value of it is
+    None."""
     inside = [
         value
         for value, axis in zip(nominal, designs.axes, strict=True)

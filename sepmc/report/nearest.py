@@ -1,8 +1,9 @@
-"""Nearest points of two outlines, as lines in replays.
+"""Nearest points of the outlines of two bodies, which replays show as ends of a line.
 
-The distance is that of the history; only its ends are computed here. A point is projected onto one
-part and onto the other in turn, which converges to nearest points of convex parts; near the wall of
-a shell, which is not convex, from several starts.
+Their distance is known from the history of the case; only the points are computed here. A point is
+projected onto a part of one outline and onto a part of the other in turn, which converges to the
+nearest points of convex parts. The wall of a shell is not convex: there it is done from several
+starting points.
 """
 
 from collections.abc import Sequence
@@ -22,20 +23,21 @@ _RELATIVE, _ABSOLUTE = 0.03, 1e-3
 
 @dataclass(frozen=True)
 class PlacedPart:
-    """A part of a body's outline in body axes, relative to the body's centre of mass, m.
+    """A part of a body's outline in body axes from the body's centre of mass, lengths in m: a
+    frustum, its wall, a sector of the wall, or points.
 
     Parameters
     ----------
     start, end : tuple of 3 float
-        Centres of the ends of a frustum.
+        Centres of the two end circles.
     radii : tuple of 2 float
-        At the start and at the end.
+        Radii of the circles at ``start`` and at ``end``.
     is_wall : bool
-        True for a surface, hollow or a sector; False for a solid.
+        True for a surface (a hollow part or a sector); False for a solid.
     sector : tuple of 2 float, optional
-        Angles of a sector about body x, rad: 0 toward z, 90 deg toward -y.
+        First and last angle of a sector about body x, rad: 0 is toward z, pi / 2 toward -y.
     points : ndarray, shape (m, 3)
-        Of a part of points.
+        Points of a part that consists of points; m is 0 for other parts.
     """
 
     start: Vector
@@ -47,8 +49,8 @@ class PlacedPart:
 
 
 def placed_part(part: Part, cg: Vector) -> PlacedPart:
-    """Return a part (layout coordinates) of a body with its centre of mass at ``cg`` (layout
-    coordinates, m) in body axes."""
+    """Return a part of an outline in body axes from the centre of mass; the part and the centre of
+    mass ``cg`` are given in layout coordinates: station (measured aft), y (up) and z (right), m."""
     points = (np.array(part.points).reshape(-1, 3) - cg) * [-1.0, 1.0, 1.0]
     front, aft = part.stations or (0.0, 0.0)
     y, z = part.offset[0] - cg[1], part.offset[1] - cg[2]
@@ -64,8 +66,8 @@ def placed_part(part: Part, cg: Vector) -> PlacedPart:
 
 @dataclass(frozen=True)
 class MovingOutline:
-    """Some parts of a body over n instants: positions (n, 3) of its centre of mass, m, and n
-    rotations from body axes to the common axes of all bodies."""
+    """Some parts of the outline of a body that moves: ``positions`` (n, 3) of its centre of mass at
+    n instants, m, and n ``rotations`` from body axes to the common axes of all bodies."""
 
     parts: Sequence[PlacedPart]
     positions: np.ndarray
@@ -73,19 +75,20 @@ class MovingOutline:
 
 
 def nearest_lines(one: MovingOutline, two: MovingOutline, distances: np.ndarray) -> np.ndarray:
-    """Return the lines of least distance between two outlines.
+    """Return the nearest points of two outlines at each of n instants.
 
     Parameters
     ----------
     one, two : MovingOutline
-        In the same axes.
+        In the same common axes.
     distances : ndarray, shape (n,)
-        As in the history, m; NaN where there is none.
+        Least distance of the outlines, m, from the history; NaN where there is none.
 
     Returns
     -------
     ndarray, shape (n, 2, 3)
-        Nearest points, m; NaN where no pair of parts has that distance.
+        Nearest point of ``one`` and of ``two``, m, in the common axes; NaN where no pair of parts
+        has that distance, to 3 % or 1 mm.
     """
     lines = np.full((len(distances), 2, 3), np.nan)
     known = np.flatnonzero(np.isfinite(distances))
@@ -112,8 +115,9 @@ def nearest_lines(one: MovingOutline, two: MovingOutline, distances: np.ndarray)
 def _nearest_points(
     a: PlacedPart, one: MovingOutline, b: PlacedPart, two: MovingOutline
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (n, 3) of part ``a`` of one outline and of part ``b`` of the other that are
-    nearest to each other at each instant; not both parts may be walls."""
+    """Return the points (n, 3) of part ``a`` of outline ``one`` and (n, 3) of part ``b`` of outline
+    ``two`` that are nearest to each other at each of n instants, in common axes, m; at most one of
+    the parts may be a wall."""
     at_walls = a.is_wall or b.is_wall
     starts, count = _starts(b if a.is_wall else a, at_walls), len(one.positions)
     first, second = (b, two) if a.is_wall else (a, one), (a, one) if a.is_wall else (b, two)
@@ -129,8 +133,9 @@ def _nearest_points(
 
 
 def _starts(part: PlacedPart, around: bool) -> np.ndarray:
-    """Return points (k, 3), body axes, of a part from which projections start: its points, or the
-    middle and the ends of its axis, or, if ``around``, points around its rims."""
+    """Return the points (k, 3) of a part, in body axes, m, from which projections start: its own
+    points if it has any; else points around both end circles if ``around`` is True; else the middle
+    and the ends of its axis."""
     if len(part.points):
         return part.points
     ends = np.array([part.start, part.end])
@@ -142,8 +147,9 @@ def _starts(part: PlacedPart, around: bool) -> np.ndarray:
 
 
 def _project(points: np.ndarray, part: PlacedPart, outline: MovingOutline) -> np.ndarray:
-    """Return the points (k n, 3) of a part nearest to ``points`` (k n, 3): n instants for each of k
-    starts, in common axes."""
+    """Return the points (k n, 3) of a part that are nearest to ``points`` (k n, 3), both in common
+    axes, m: n instants of the moving ``outline`` for each of k starts, the instants varying
+    fastest."""
     count = len(outline.positions)
     result = np.empty_like(points)
     for k in range(0, len(points), count):  # every start in turn
@@ -154,8 +160,8 @@ def _project(points: np.ndarray, part: PlacedPart, outline: MovingOutline) -> np
 
 
 def nearest_on_part(arms: np.ndarray, part: PlacedPart) -> np.ndarray:
-    """Return the points (n, 3) of a part nearest to points (n, 3), both in body axes from the
-    centre of mass."""
+    """Return the points (n, 3) of a part that are nearest to the points ``arms`` (n, 3), both in
+    body axes from the centre of mass, m; a point inside a solid is its own nearest point."""
     if len(part.points):
         squares = ((arms[:, None] - part.points) ** 2).sum(axis=2)
         return part.points[squares.argmin(axis=1)]

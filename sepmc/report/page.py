@@ -22,16 +22,18 @@ _SCRIPTS = ("tables.js", "replay.js", "cases.js", "points.js")
 
 @dataclass
 class CaseReplay:
-    """A case shown over time.
+    """A case that the report shows over time, as figures and as a three-dimensional replay.
 
     Parameters
     ----------
     number : int
+        Case number.
     title : str
+        Heading of the case.
     figures : sequence of Path
-        SVG files.
+        SVG files of its figures over time.
     data : mapping, optional
-        From `sepmc.report.replay_data.replay_data`; None if the case has no motion.
+        Data of the replay, from `sepmc.report.replay_data.replay_data`; None for no replay.
     """
 
     number: int
@@ -42,15 +44,18 @@ class CaseReplay:
 
 @dataclass
 class PlainTable:
-    """Table of texts.
+    """A section of the report that consists of a table of texts.
 
     Parameters
     ----------
     title : str
+        Heading of the section.
     note : str
-        A line above it.
+        A line between the heading and the table.
     head : sequence of str
+        Heads of the columns.
     rows : sequence of sequence of str
+        Cells of each row.
     """
 
     title: str
@@ -61,50 +66,52 @@ class PlainTable:
 
 @dataclass
 class ReportContent:
-    """Content of a report.
+    """Content of a report, apart from the figures that are given as files.
 
     Parameters
     ----------
     name, title : str
-        Of the campaign.
+        Name and title of the campaign.
     facts : str
         A line on cases, seed and date.
     notes : sequence of str
         Warnings of the run.
     verdicts : sequence of Verdict
     counts : str
-        A line on statuses.
+        A line on the number of cases by status.
     failures : sequence of str
         A line on each status except ok.
     proportions : sequence of str
         A line on each yes-or-no outcome.
     statistics : DataFrame
-        From `sepmc.analysis.statistics.statistics`.
+        From `sepmc.analysis.statistics.statistics`; all outcomes are listed at the end.
     leading : sequence of str
         Outcomes in the first table.
     units : mapping of outcome to unit
     tail_note : str
-        On extreme percentiles of few cases, or empty.
+        Sentence on extreme percentiles of few cases, or empty.
     comparison : str
-        With the reference, as text; or empty.
+        Text on the comparison with the reference, or empty.
     accuracy, audit : str
+        Texts on the numerical accuracy and on the audit of the run.
     sessions : sequence of mapping
-        Of the manifest.
+        Entries of the manifest on the sessions (runs of the program) that ran the cases.
     campaign : str
-        The campaign file.
+        Text of the campaign file.
     run : str
-        The run folder, as in a command line.
+        The run folder as it is to be written in a command line.
     driver_notes : sequence of str
-        Sentences on the figures of sensitivity.
+        Sentences below the figures of sensitivity.
     replays : sequence of CaseReplay
+        Cases shown over time.
     nominal : mapping, optional
-        Replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
+        Data of the replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
     flight : str
         Text on the comparison with a flight; empty without one.
     beside : sequence of PlainTable
-        Scenarios and limit cases that were run beside the campaign.
+        Tables of scenarios and limit cases that were run beside the campaign.
     points : mapping, optional
-        From `sepmc.report.case_points.case_points`.
+        Data of the interactive figure of cases, from `sepmc.report.case_points.case_points`.
     """
 
     name: str
@@ -141,15 +148,16 @@ def write_report(
     sensitivity: Sequence[Path],
     flight: Sequence[Path] = (),
 ) -> Path:
-    """Write a report with its figures from SVG files.
+    """Write a report as one HTML page that contains all its figures and scripts.
 
     Parameters
     ----------
     report : ReportContent
     path : Path
-        Of the page.
+        File to write.
     vehicle, outcomes, sensitivity, flight : sequence of Path
-        Figures of the vehicle, of the outcomes, of their sensitivity, and of a flight.
+        SVG files of the figures of the vehicle, of the outcomes, of their sensitivity, and of a
+        flight.
 
     Returns
     -------
@@ -196,7 +204,8 @@ def write_report(
 
 
 def templates(*packages: str) -> jinja2.Environment:
-    """Return the environment of templates that are files of this package or of some others."""
+    """Return the Jinja environment whose templates are the files of `sepmc.report`, then those of
+    the given packages; it escapes HTML."""
 
     def load(name: str) -> str | None:
         for package in ("sepmc.report", *packages):
@@ -209,7 +218,7 @@ def templates(*packages: str) -> jinja2.Environment:
 
 
 def resource(name: str, package: str = "sepmc.report") -> str:
-    """Return the text of a file of a package, this one by default."""
+    """Return the text of the file ``name`` of a package, `sepmc.report` by default."""
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
@@ -218,7 +227,8 @@ _HALF_WIDTH = 560.0
 
 
 def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
-    """Return SVG files as elements of a page, and the class of each by its width."""
+    """Return for each SVG file a dict of its ``svg`` element for the page and its CSS class
+    ``style``, ``half`` or ``whole`` by its width; those of half width come first."""
     figures = []
     for path in paths:
         text = path.read_text(encoding="utf-8")
@@ -231,7 +241,8 @@ def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
 def _statistics(
     table: pd.DataFrame, names: Sequence[str]
 ) -> tuple[list[str], list[list[str | int]]]:
-    """Return heads and rows of the statistics of some outcomes; case numbers are numbers."""
+    """Return the heads of the columns after the first and the rows of a table of the statistics of
+    outcomes ``names``; cells are texts, but case numbers are integers."""
     cells = [
         (head, column)
         for _, columns in column_groups(table.loc[list(names)], None)
@@ -251,7 +262,8 @@ def _statistics(
 
 
 def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
-    """Return a row of the table of requirements."""
+    """Return the texts of a verdict for a row of the table of requirements, by the names that the
+    template uses; ``unit`` is that of the outcome."""
     unit = "" if unit == "1" else unit
 
     def format_value(value: float | None) -> str:
@@ -279,7 +291,8 @@ def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
 
 
 def _session(one: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row of the table of sessions."""
+    """Return the texts of a session, an entry of the manifest, for a row of the table of sessions,
+    by the names that the template uses."""
     seconds = ", ".join(f"{stage} {s:.3g}" for stage, s in one.get("timing_s", {}).items())
     packages = ", ".join(f"{name} {v}" for name, v in one.get("versions", {}).items())
     return {

@@ -1,4 +1,4 @@
-"""Motion of the bodies of a case in the axes in which replays show it."""
+"""Motion of the bodies of a case in the axes in which replays and animations show it."""
 
 from dataclasses import dataclass
 
@@ -11,21 +11,21 @@ from sepmc.scene.model import GROUND, Scene
 
 @dataclass(frozen=True)
 class Poses:
-    """Positions, attitudes and constraint forces over the rows of a history.
+    """Positions, attitudes and constraint forces of a case at the n rows of its history.
 
-    Axes are the body axes of the first body at the start; the origin moves with the common centre
-    of mass.
+    All vectors are in view axes: they have the fixed directions that the body axes of the first
+    body have at the start; the origin moves with the common centre of mass.
 
     Parameters
     ----------
     positions : dict of body to ndarray, shape (n, 3)
-        Centres of mass, m.
+        Centre of mass of each body, m.
     rotations : dict of body to Rotation of n
-        From body axes to these axes.
+        Rotations from the axes of each body to view axes.
     forces : dict of joint to ndarray, shape (n, 3)
-        Constraint force on the second body, N; of joints between two bodies.
+        Constraint force of each joint on its second body, N; joints to the ground are left out.
     ground : Rotation
-        From ground axes to these axes.
+        Rotation from ground axes to view axes.
     """
 
     positions: dict[str, np.ndarray]
@@ -35,14 +35,14 @@ class Poses:
 
 
 def poses(history: pd.DataFrame, scene: Scene) -> Poses:
-    """Return the motion of a case.
+    """Compute the motion of a case in the axes in which it is shown.
 
     Parameters
     ----------
-    history : DataFrame, shape (n, ...)
-        Rows of a single flight, see `sepmc.schema.history_columns`.
+    history : DataFrame, n rows
+        History of the case, with the columns of `sepmc.schema.history_columns`.
     scene : Scene
-        Of this case.
+        Scene with the inputs of this case.
 
     Returns
     -------
@@ -74,6 +74,7 @@ def poses(history: pd.DataFrame, scene: Scene) -> Poses:
 
 
 def _attitudes(history: pd.DataFrame, body: str) -> Rotation:
-    """Return the rotations from body to ground: Rz(pitch) Ry(yaw) Rx(roll)."""
+    """Return the rotations Rz(pitch) Ry(yaw) Rx(roll) from the axes of a body to ground axes, one
+    for each row of a history."""
     angles = history[[f"{body}_{angle}_deg" for angle in ("pitch", "yaw", "roll")]]
     return Rotation.from_euler("ZYX", np.array(angles), degrees=True)

@@ -1,4 +1,5 @@
-"""Measurements over the bands of prior and posterior, with the residuals below."""
+"""Figure of an estimation from telemetry: measurements over the bands of prior and posterior, with
+the residuals below."""
 
 from pathlib import Path
 
@@ -14,19 +15,22 @@ _DOTS = 400  # samples up to which each is a dot
 
 
 def posterior_figure(estimation: Estimation, about: str, path: Path) -> Path:
-    """Draw each measurement with the cases of the distributions before and after the flight, and
-    its residuals from the mean of the posterior.
+    """Draw each measured channel over the bands of cases with parameters distributed as before the
+    flight (prior) and as estimated (posterior), and below it its residuals from the posterior mean.
 
     Parameters
     ----------
     estimation : Estimation
+        Result of the estimation, with its curves and its model check.
     about : str
-        End of the title.
+        Last line of the title.
     path : Path
+        File to write; the suffix selects the format. Its folder is created if missing.
 
     Returns
     -------
     Path
+        ``path``.
     """
     make_folder(path.parent)
     channels, width = estimation.channels, min(2, len(estimation.channels))

@@ -1,5 +1,5 @@
-"""Rare-event figure: the levels from typical cases to the bound, and the inputs of violating
-cases."""
+"""Figure of a rare-event estimate: probabilities of the levels of subset simulation, from typical
+cases to the required bound, and the inputs of violating cases."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -31,8 +31,8 @@ def rare_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw the probability of each level over its margin, by replica and as mean with its 95 %
-    interval, and the normal scores of the inputs in violating cases.
+    """Draw the probability that the margin is below the threshold of each level, by replica and as
+    mean with its 95 % interval, and the normal scores of the leading inputs in violating cases.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def rare_figure(
     about : str
         Campaign and requirement, for the title.
     suffix : str
-        Of the file.
+        Ending of the file name, with its dot, which selects the format.
 
     Returns
     -------
     Path
-        ``rare`` + suffix.
+        The file written, ``rare`` + suffix in the folder.
     """
     inputs = list(result.inputs.items())[:_MAX_INPUTS]
     figure, axes = make_axes(1, 2 if inputs else 1, (6.0, 4.2))

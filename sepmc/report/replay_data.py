@@ -1,4 +1,4 @@
-"""Data of the three-dimensional replays of a report, which `replay.js` draws."""
+"""Data of the three-dimensional replays of cases in a report, which `replay.js` draws."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,27 +22,30 @@ _DIGITS = 4  # significant digits of forces
 def replay_data(
     history: pd.DataFrame, scene: Scene, title: str, number: int | None = None
 ) -> dict[str, Any]:
-    """Return the data of one case: numbers, texts, lists and dicts of them.
+    """Return the data of the replay of one case, ready for JSON.
 
     Parameters
     ----------
     history : DataFrame
-        Of `Campaign.simulate`, with its ``attrs``.
+        From `Campaign.simulate`, with its ``attrs``; of rows with equal time the last is used, so n
+        rows remain.
     scene : Scene
-        Of this case.
+        Scene with the inputs of this case.
     title : str
     number : int, optional
-        Of the case; None for the nominal case.
+        Case number; None for the nominal case.
 
     Returns
     -------
     dict
-        ``time`` (n), s; ``phases`` and ``phase`` (n), index among them; ``bodies`` with parts in
-        body axes from the centre of mass, ``at`` (3 n), m, and ``turn`` (4 n), scalar-first
-        quaternions to the axes of `sepmc.report.poses.Poses`; ``arrows``: forces (3 n), N, in these
-        axes, at a point of a body, of joints, motors, springs and loads; ``distances``: those of
-        clearances (n), mm, and ``line`` (6 n), their nearest points, m. Numbers that are not known
-        are None.
+        ``number`` and ``title``; ``time`` (n), s; ``phases``, the names, and ``phase`` (n), the
+        index of the name. ``bodies``, each with its name, colours, ``parts`` in body axes from the
+        centre of mass, m, ``at`` (3 n), position, m, and ``turn`` (4 n), scalar-first quaternions
+        from body axes to the view axes of `sepmc.report.poses.Poses`. ``arrows``, the forces of
+        joints, motors, springs and loads: ``force`` (3 n), N, in view axes, at the point ``at`` of
+        the body with the index ``body``, until time ``until``, s. ``distances``, one per clearance:
+        ``value`` (n), mm, and ``line`` (6 n), its two nearest points, m. Arrays are flat lists;
+        numbers that are not finite are None.
     """
     history = history[~history["time_s"].duplicated(keep="last")]
     motion = poses(history, scene)
@@ -64,7 +67,8 @@ def replay_data(
 
 
 def _rounded(values: Any, decimals: int) -> list[float | None]:
-    """Return numbers as a flat list, None where they are not finite."""
+    """Return an array of numbers as a flat list, rounded to some ``decimals``; None where they are
+    not finite."""
     flat = np.asarray(values, dtype=float).ravel()
     return [
         value + 0.0 if finite else None
@@ -73,21 +77,24 @@ def _rounded(values: Any, decimals: int) -> list[float | None]:
 
 
 def _significant(values: Any) -> list[float | None]:
-    """Return numbers as a flat list, to some significant digits of the largest."""
+    """Return an array of numbers as a flat list, rounded to the decimals that show the largest with
+    four significant digits; None where they are not finite."""
     flat = np.asarray(values, dtype=float).ravel()
     largest = np.abs(flat[np.isfinite(flat)]).max(initial=0.0)
     return _rounded(flat, _DIGITS - int(np.ceil(np.log10(largest))) if largest > 0.0 else 0)
 
 
 def _arm(point: Sequence[float], body: Body) -> list[float]:
-    """Return a layout point in body axes from the centre of mass, m."""
+    """Return a layout point of a body (station measured aft, y, z, m) in body axes from its centre
+    of mass, m, rounded."""
     arm = (np.array(point) - body.cg) * [-1.0, 1.0, 1.0]
     return [float(x) for x in np.round(arm, _METRES)]
 
 
 def _body(name: str, number: int, scene: Scene, motion: Poses) -> dict[str, Any]:
-    """Return a body: name, colours, parts, and motion. A body without outline has lines from its
-    centre of mass to its joints, motors and springs."""
+    """Return the element of ``bodies`` in the result of `replay_data` for the body ``name``, the
+    ``number``-th of the scene from 0. ``spokes`` are the ends of lines from the centre of mass to
+    joints, motors and springs, which a body without an outline has instead of parts."""
     body = scene.body[name]
     points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
     points += [nozzle_point(motor) for motor in scene.motor if motor.body == name]
@@ -106,7 +113,8 @@ def _body(name: str, number: int, scene: Scene, motion: Poses) -> dict[str, Any]
 
 
 def _part(part: PlacedPart) -> dict[str, Any]:
-    """Return a part: centres and radii of the ends, angles of a sector; or points."""
+    """Return a part of an outline as a dict: centres and radii of the two ends, whether it is a
+    wall, and the angles of a sector or None; for a part of points only the points."""
     if len(part.points):
         return {"points": np.round(part.points, _METRES).tolist()}
     return {
@@ -119,7 +127,8 @@ def _part(part: PlacedPart) -> dict[str, Any]:
 
 
 def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the constraint force of each joint on its second body, until its release."""
+    """Return the arrows of the constraint forces, one for each joint between two bodies: its force
+    on the second body; ``until`` is the time of its release, s, or None."""
     arrows, bodies = [], list(scene.body)
     releases = history.attrs["releases"]
     for name, force in motion.forces.items():
@@ -139,7 +148,7 @@ def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 
 def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the thrust of each motor, at its nozzle."""
+    """Return the arrows of the thrust of motors, one for each motor on a body, at its nozzle."""
     arrows, bodies = [], list(scene.body)
     for motor in scene.motor:
         if motor.body == GROUND:
@@ -161,12 +170,13 @@ def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 
 def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np.ndarray:
-    """Return a number of a motor (n,), SI."""
+    """Return the value (n,), SI, of the parameter ``field`` of a motor at each row of a history."""
     return driven(history, scene, f"motor.{motor.name}.{field}", getattr(motor, field))
 
 
 def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the forces of springs, on their second bodies, and of loads."""
+    """Return the arrows of the forces of springs, on their second bodies, and of loads; ``until``
+    is the time at which each stops acting, s, or None."""
     arrows, bodies, ends = [], list(scene.body), history.attrs["springs"]
     for spring, force in spring_forces(history, scene, motion):
         second, end = spring.bodies[1], ends.get(spring.name, np.nan)
@@ -189,7 +199,7 @@ def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dic
 
 
 def thrust(history: pd.DataFrame, scene: Scene, motor: Motor) -> np.ndarray:
-    """Return the thrust of a motor (n,), N, over the rows of a history."""
+    """Return the thrust of a motor (n,), N, at each row of a history; 0 if it does not ignite."""
     ignition = motor.ignition + motor.delay if isinstance(motor.ignition, float) else np.nan
     ignition = history.attrs["outcomes"].get(f"{motor.name}_ignition_time_s", ignition)
     if np.isnan(ignition):
@@ -210,8 +220,9 @@ def thrust(history: pd.DataFrame, scene: Scene, motor: Motor) -> np.ndarray:
 
 
 def thrust_lines(motor: Motor, deflection: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """Return the directions (n, 3) of the thrust of a motor, body axes, at some deflections and
-    their clock angles (n,), rad; eqs (1), (2), (3) of the paper."""
+    """Return the unit vectors (n, 3), body axes, along the thrust of a motor for ``deflection``
+    angles (n,) of the thrust line and their ``clock`` angles (n,), rad; eqs (1) to (3) of Wang, Li,
+    Liu, Journal of System Simulation 31(4), 2019."""
     fx = np.cos(deflection)
     fy, fz = -np.sin(deflection) * np.sin(clock), np.sin(deflection) * np.cos(clock)
     sx, cx = np.sin(motor.cant), np.cos(motor.cant)
@@ -226,7 +237,8 @@ def thrust_lines(motor: Motor, deflection: np.ndarray, clock: np.ndarray) -> np.
 
 
 def _distances(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the distance of each clearance over time, and where it is."""
+    """Return the elements of ``distances`` in the result of `replay_data`: for each clearance
+    between two bodies its distance over time and its nearest points."""
     result: list[dict[str, Any]] = []
     for clearance in scene.clearance:
         column = f"{clearance.name}_clearance_mm"

@@ -1,5 +1,5 @@
-"""Sensitivity figures: tornado charts of the means of outcomes beside variance indices, and
-outcomes over their leading inputs."""
+"""Sensitivity figures: tornado charts of the means of outcomes beside variance indices, inputs that
+distinguish failed cases, and outcomes over their leading inputs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -40,14 +40,17 @@ def tornado_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw for each outcome a tornado chart, and beside it the variance indices with their 95 %
-    intervals. Bars are pale where neither the shift of the mean nor the first-order index is
-    significant.
+    """Draw for each outcome a tornado chart of its leading inputs, and beside it their variance
+    indices with 95 % intervals.
+
+    The bars of an input end at the mean of the outcome over the cases with the lowest and with the
+    highest tenth of the input. They are pale where neither the shift of the mean nor the
+    first-order index is significant.
 
     Parameters
     ----------
     sensitivities : mapping of outcome to DataFrame
-        From `sepmc.analysis.sensitivity.input_sensitivities`.
+        From `sepmc.analysis.sensitivity.input_sensitivities`; at least one.
     folder : Path
         Created if missing.
     units : mapping of outcome to unit
@@ -55,12 +58,12 @@ def tornado_figure(
     about : str
         The campaign, for the title.
     suffix : str
-        Of the file.
+        Ending of the file name, with its dot, which selects the format.
 
     Returns
     -------
     Path
-        ``sensitivity`` + suffix.
+        The file written, ``sensitivity`` + suffix in the folder.
     """
     columns = min(2, len(sensitivities))
     widths = [2.4, 1.0] * columns
@@ -104,8 +107,8 @@ def tornado_figure(
 
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
-    """Draw first-order indices, and total ones if given, of the inputs in the rows of ``top``, with
-    their 95 % intervals, at the ordinates ``places`` (n,)."""
+    """Draw the first-order indices, and the total ones if there are any, of the n inputs in the
+    rows of ``top`` with their 95 % intervals, at the ordinates ``places`` (n,)."""
     for name, aside, marker, colour, text in (
         ("first", 0.12, "o", BLACK, "first-order index"),
         ("total", -0.12, "s", GREEN, "total index"),
@@ -146,22 +149,23 @@ def attribution_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw for each failure the inputs, and pairs of inputs, that distinguish its cases: the
-    fraction of information each explains, with the range where most of these cases are.
+    """Draw for each failure the inputs, and pairs of inputs, that distinguish its cases from the
+    others: a bar for the fraction of information that each explains, with the range of the inputs
+    where most of the failed cases are.
 
     Parameters
     ----------
     attributions : mapping of failure to sequence of Attribution
-        From `sepmc.analysis.failure_attribution`; none empty.
+        From `sepmc.analysis.failure_attribution`; no sequence may be empty.
     failures : mapping of failure to str
-        Title of each.
+        Title of the panel of each failure.
     folder, keys, about, suffix
         As for `tornado_figure`.
 
     Returns
     -------
     Path
-        ``attribution`` + suffix.
+        The file written, ``attribution`` + suffix in the folder.
     """
     shown = {name: list(each)[:_REGIONS][::-1] for name, each in attributions.items()}
     height = _HEAD_INCHES + _BAR_INCHES * max(len(each) for each in shown.values())
@@ -185,8 +189,8 @@ def attribution_figure(
 
 
 def _region_lines(one: Attribution, keys: Mapping[str, str]) -> list[str]:
-    """Return a line for each input of an attribution: its TOML path and the range where most of the
-    failed cases are."""
+    """Return a text for each input of an attribution: its TOML path and the range where most of the
+    failed cases are; ``keys`` maps input columns to TOML paths."""
     return [
         f"{keys.get(name, name)} {low:.5g}" + ("" if low == high else f" to {high:.5g}")
         for name, (low, high) in zip(one.inputs, one.region, strict=True)
@@ -198,8 +202,8 @@ _WIDE = 24  # 9 pt letters along an ordinate
 
 
 def _shown_rows(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the mask (n,) of cases drawn: the first ones, and those with the extremes of either
-    number."""
+    """Return the mask (n,) of the cases to draw as dots: the first 1,500, and those with the
+    extremes of ``x`` (n,) or ``y`` (n,)."""
     mask = np.arange(len(x)) < _DOTS
     for values in (x, y):
         finite = np.flatnonzero(np.isfinite(values))
@@ -218,22 +222,23 @@ def scatter_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw each outcome over its leading inputs, case by case.
+    """Draw each outcome over its three leading inputs, a dot per case and a row of panels per
+    outcome.
 
     Parameters
     ----------
     sensitivities, folder, units, keys, about, suffix
         As for `tornado_figure`.
     rows : mapping of column to ndarray, shape (n,)
-        The ok cases.
+        Inputs and outcomes in the ok cases.
     violating : mapping of outcome to ndarray, shape (n,), bool
-        Cases that violate the requirement on the outcome, or any if there is none; shown as
-        crosses.
+        True for cases that violate the requirement on the outcome, or any requirement if there is
+        none on it; they are drawn as crosses.
 
     Returns
     -------
     Path
-        ``scatter`` + suffix.
+        The file written, ``scatter`` + suffix in the folder.
     """
     figure, axes = make_axes(len(sensitivities), _INPUTS, (4.0, 2.7))
     for row, (outcome, table) in enumerate(sensitivities.items()):

@@ -1,8 +1,8 @@
-"""Common style of the figures of runs: axes, colours, legends, words.
+"""Common style of the figures of runs: axes, colours, titles, legends, and writing to files.
 
-The colours are those of Okabe and Ito, distinguishable by colour-blind readers; line styles and
+The colours are those of Okabe and Ito, which colour-blind readers can distinguish; line styles and
 tints carry the same information in grey print. Legends, phase names and numbers stand outside the
-axes, so nothing covers data. Without pyplot: figures have no window and no global state.
+axes, so that nothing covers data. pyplot is not used: figures have no window and no global state.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,7 +37,8 @@ _dots = SCREEN
 
 @contextmanager
 def resolution(per_inch: int) -> Iterator[None]:
-    """Context manager: write images with ``per_inch`` dots per inch."""
+    """Context manager within which `save` writes images with ``per_inch`` dots per inch (default
+    150)."""
     global _dots  # noqa: PLW0603
     before, _dots = _dots, per_inch
     try:
@@ -47,7 +48,7 @@ def resolution(per_inch: int) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> Path:
-    """Create a folder if it is missing; return its path."""
+    """Create a folder, and those above it, if missing; return its path."""
     folder = as_path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -56,15 +57,16 @@ def make_folder(folder: Path) -> Path:
 def make_axes(
     rows: int, columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """Create a figure of rows x columns axes in the common style.
+    """Create a figure with a grid of axes in the common style.
 
     Parameters
     ----------
     rows, columns : int
+        Numbers of axes below and beside each other.
     size : tuple of float
-        Width and height of one pair of axes, in inches.
+        Width and height of the space for each axes, in inches.
     widths : sequence of float, optional
-        Relative widths of the columns.
+        Relative widths of the columns; equal if None.
 
     Returns
     -------
@@ -88,7 +90,8 @@ def make_axes(
 
 
 def set_title(figure: Figure, text: str) -> None:
-    """Set a title above all axes, each line folded to the width of the figure."""
+    """Set a title above all axes; each line of ``text`` is folded to the width of the figure, and
+    empty lines are left out."""
     # 11 pt letters are about 6 pt wide
     width = int(figure.get_figwidth() * 72.0 / 6.0)
     lines = [fill(line, width, break_on_hyphens=False) for line in text.split("\n") if line]
@@ -96,8 +99,8 @@ def set_title(figure: Figure, text: str) -> None:
 
 
 def _columns(texts: Sequence[str], inches: float) -> int:
-    """Return the largest number of legend columns for these texts that fit into ``inches``, in rows
-    as even as possible."""
+    """Return the number of columns of a legend with entries ``texts``: the largest that fits into a
+    width of ``inches``, but no more than its number of rows needs."""
     widths = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
     for columns in range(len(texts), 1, -1):
         rows = -(-len(texts) // columns)
@@ -109,20 +112,22 @@ def _columns(texts: Sequence[str], inches: float) -> int:
 
 
 def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
-    """Set one legend below all axes and write the figure.
+    """Set one legend below all axes, with one entry for equal labels, and write the figure.
+
+    The file contains no date and no software name, so equal data give equal bytes.
 
     Parameters
     ----------
     figure : Figure
     path : Path
-        The suffix selects the format.
+        File to write; the suffix selects the format.
     order : sequence of str
-        Legend entries that come first.
+        Labels whose legend entries come first, in this order.
 
     Returns
     -------
     Path
-        ``path``. The file has no date and no software name: equal data give equal bytes.
+        ``path``.
     """
     entries = {
         text: handle

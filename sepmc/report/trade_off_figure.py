@@ -1,4 +1,5 @@
-"""Figure of a trade-off: costs of the designs of the front, and of those that were searched."""
+"""Figure of a trade-off between costs: designs of the front, of which none is better than another
+one in every cost, and all designs that the search tried."""
 
 from pathlib import Path
 
@@ -9,7 +10,7 @@ _SEARCHED = (("not accepted", "#dddddd"), ("accepted by the search", "#9ecae1"))
 
 
 def trade_off_figure(result: TradeOff, about: str, path: Path) -> Path:
-    """Draw the first cost over each other one.
+    """Draw the first cost over each of the other costs, a point per design, in a panel each.
 
     Parameters
     ----------
@@ -17,11 +18,12 @@ def trade_off_figure(result: TradeOff, about: str, path: Path) -> Path:
     about : str
         The campaign, for the title.
     path : Path
-        The suffix selects the format.
+        File to write; the suffix selects the format.
 
     Returns
     -------
     Path
+        ``path``.
     """
     count = len(result.minimise)
     figure, panels = make_axes(1, count - 1, (6.4, 4.8))
