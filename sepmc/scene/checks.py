@@ -1,5 +1,5 @@
-"""Checks across values of a scene: references between tables, realizable inertias, ranges of
-distributions."""
+"""Checks of values of a scene against each other: references between tables, realizable inertias,
+ranges of distributions."""
 
 import math
 
@@ -34,7 +34,8 @@ MOST_STEPS = 100_000_000  # steps of a case
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
-    """Note problems across the tables of a scene, each of which is valid by itself."""
+    """Add all problems of a scene that lie in several values together; each value is valid by
+    itself."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():
@@ -56,24 +57,26 @@ def check_scene(scene: Scene, problems: Problems) -> None:
 
 
 def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
-    """Inertia tensor, shape (3, 3) or (3, 3, n), from moments and products, floats or arrays (n,);
-    products are the positive integrals of xy, xz, yz."""
+    """Inertia tensor, shape (3, 3) or (3, 3, n), from moments and products of inertia, floats or
+    arrays (n,). The products are positive integrals, so they enter with a minus sign."""
     return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
 
 
 def inertia_tensor(body: Body) -> np.ndarray:
-    """Inertia tensor of a body, kg m2, shape (3, 3)."""
+    """Nominal inertia tensor (3, 3) of a body about its mass centre, kg m2, with
+    ``inertia_factor``."""
     return body.inertia_factor * tensor(*body.inertia, *body.inertia_products)
 
 
 def breaks_triangle(principal: np.ndarray) -> np.ndarray:
-    """True where principal moments (..., 3), rising, violate A + B >= C, which is true for every
-    solid body (Goldstein, Classical Mechanics, ch. 5)."""
+    """Mask (...), True where principal moments (..., 3), rising, violate A + B >= C, which every
+    solid body satisfies (Goldstein, Classical Mechanics, ch. 5)."""
     return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 
 
 def inertia_fault(tensor: np.ndarray) -> str | None:
-    """Reason why no solid body has an inertia tensor (3, 3), kg m2; None if it is realizable."""
+    """Reason, for a message, why no solid body has the inertia tensor (3, 3), kg m2; None if one
+    can."""
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] <= 0.0:
         return (
@@ -88,7 +91,8 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
 
 
 def _check_columns(scene: Scene, problems: Problems) -> None:
-    """Note outcomes of equal names: an event ``a`` of a body ``b_c``, and ``a_b`` of ``c``."""
+    """Add a problem for each column name that two outcomes share, as event ``a`` with body ``b_c``
+    and event ``a_b`` with body ``c`` do."""
     names = [column.name for column in outcome_columns(contents(scene))]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         event = next((e.name for e in scene.event if name.startswith(f"{e.name}_")), None)
@@ -99,7 +103,7 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:
-    """Note an inertia tensor that no solid body has."""
+    """Add a problem if no solid body has the inertia tensor of this body."""
     fault = inertia_fault(inertia_tensor(body))
     if fault:
         problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
@@ -122,7 +126,7 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
 
 
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Check bodies, axes, kinds and guide of a joint."""
+    """Check the bodies, axes, own kinds, ``fails`` and guide of a joint."""
     key_path = f"joint.{name}"
     check_pair(f"{key_path}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
@@ -153,7 +157,8 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Note guide pins that slide in no phase and after no release: they have no effect."""
+    """Add a problem if the guide pins of a joint never slide, in no phase and after no release, and
+    so have no effect."""
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
@@ -170,12 +175,12 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:
-    """Limit the rows of histories and the steps of a case."""
+    """Add a problem if a case would have too many rows of history or too many integration steps."""
     step = scene.run.history_step
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
         problems.add(
             "run.history_step_s",
-            f"gives more than {MOST_ROWS} rows of history a case up to {scene.run.end_time:g} s: "
+            f"gives more than {MOST_ROWS} rows of history per case up to {scene.run.end_time:g} s: "
             "give a longer step, or 0 for no histories",
             step,
         )
@@ -188,7 +193,7 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
 
 
 def _check_initial(scene: Scene, problems: Problems) -> None:
-    """Check initial attitude, speed and altitude."""
+    """Check the initial yaw angle, and the initial speed and altitude for this scene."""
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
         problems.add(
@@ -211,7 +216,8 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
 
 
 def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
-    """Note a parameter that cannot vary in this scene, or not by this kind of distribution."""
+    """Add a problem if the parameter of a dispersion cannot vary in this scene, or not with this
+    kind of distribution."""
     parameter = dispersion.parameter
     key_path, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
     if parts[-1] == "fails" and not (
@@ -234,10 +240,10 @@ def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -
 
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
-    """Note a dispersion whose support leaves the bounds of its parameter.
+    """Add problems of a dispersion: values outside the bounds of its parameter, or not finite.
 
-    The tails of a normal distribution without truncation are no error: a case sampled there gets
-    the status invalid-input.
+    Only the tails of a normal distribution without truncation may leave the bounds: a case sampled
+    there gets the status invalid-input.
     """
     parameter = dispersion.parameter
     key_path, numbers = f"dispersion.{parameter.key}", list(dispersion.numbers)
