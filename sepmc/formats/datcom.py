@@ -152,8 +152,9 @@ class _Reference:
 
 
 def _references(text: str, output: _Output) -> dict[str, _Reference]:
-    """Reference quantities ("sref", "lref", "latref") of a case that prints them or whose input
-    cards, in ``text``, have them. A printed number that a card has with more digits is exact."""
+    """Reference quantities ("sref", "lref", "latref") that a case prints, or else that input cards
+    in ``text`` have. Where a card agrees with a printed number within its rounding, the card's
+    number is returned, without rounding."""
     metre = _metres_per_unit(text)
     cards: dict[str, list[float]] = {}
     for match in _CARD.finditer(text):
@@ -281,7 +282,7 @@ def _chosen(text: str, options: dict[str, Any]) -> tuple[_Output, float]:
     are extended. Raises FormatError if an option is missing or not valid."""
     cases = _cases(text)
     if not cases:
-        raise FormatError("has no table of coefficients over ALPHA that DATCOM prints")
+        raise FormatError("has no table of coefficients over ALPHA, as DATCOM prints them")
     wanted = options.get("case")
     if wanted is None and len(cases) > 1:
         raise FormatError(

@@ -189,8 +189,8 @@ def _grid(
     shape = tuple(len(each) for each in points.values())
     if math.prod(shape) > _CELLS:
         raise FormatError(
-            f"has {' x '.join(map(str, shape))} combinations of {', '.join(points)}: is each "
-            "column what it is called?"
+            f"has {' x '.join(map(str, shape))} combinations of {', '.join(points)}, more than "
+            "100,000: does each column have what its title says?"
         )
     index = np.ravel_multi_index(
         [np.searchsorted(points[name], axes[name]) for name in points], shape

@@ -187,9 +187,9 @@ def _thrust(
     options: dict[str, Any],
     problems: Problems,
 ) -> list[str]:
-    """Put the thrust curve in a file into ``profile``, the table at ``key_path``, as fractions of
-    ``thrust_N``, which is set to the peak if ``motor`` has none. Adds problems; returns sentences
-    on what was read. Raises FormatError if the file cannot be read."""
+    """Put the thrust curve in a file into ``profile``, the table at ``key_path``. Forces become
+    fractions of the thrust in ``motor``, which gets the peak as ``thrust_N`` if it has none. Adds
+    problems; returns sentences on what was read. Raises FormatError if the file is rejected."""
     curve = read_thrust(path, options)
     understood = curve.understood
     if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):

@@ -141,7 +141,9 @@ def _choose(elements: list[Element], name: Any, what: str) -> Element:
         raise FormatError(f"has no {what} with mass properties")
     if name is None and len(elements) > 1:
         some = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-        raise FormatError(f'has {len(elements)} of {what}; choose by link = "NAME": {some}')
+        raise FormatError(
+            f'has {len(elements)} elements {what}; choose one by link = "NAME": {some}'
+        )
     if name is None:
         return elements[0]
     if name not in names:
@@ -339,7 +341,7 @@ def _unit(element: Element, kind: str, units: dict[str, str]) -> float:
     unit = element.attributes.get("unit", next(iter(units))).upper()
     if unit not in units:
         raise FormatError(
-            f"line {element.line}: {element.tag} is in {shorten(unit)}; must be of "
+            f"line {element.line}: {element.tag} is in {shorten(unit)}; must be in "
             f"{', '.join(units)}"
         )
     return UNITS[kind][units[unit]]

@@ -100,8 +100,8 @@ def read_table(
         Largest number of bytes of the file. A Parquet file, which may unpack to much more, may have
         at most a quarter as many numbers.
     gaps : bool
-        True: cells that are blank or no number are NaN, also in whole columns. False: they and
-        cells that are not finite are rejected.
+        True: cells that are blank or no number become NaN, even if a whole column is. False: such
+        cells, and numbers that are not finite, are rejected.
     assumed : sequence of str
         Names of the columns of a text file that has no header and as many columns.
 
@@ -112,6 +112,7 @@ def read_table(
     Raises
     ------
     FormatError
+        If the file cannot be read, or is not a table of numbers.
     """
     if path.suffix.lower() == ".parquet":
         return _read_parquet(path, most, gaps)
@@ -128,9 +129,9 @@ def parse_table(
 
     Lines that begin with ``#``, ``%``, ``!`` or ``//`` are comments, blank lines are skipped. The
     separator is a semicolon, tab, comma or blanks: the first that the first line of numbers has.
-    The last line of text before it is the header, or, if that has units, the line above it with
-    these units. Without such a line, the last comment before the numbers that has as many cells is
-    the header.
+    The last line of text before it is the header; if that consists of units, the header is the line
+    above it with these units. Without such a line, the last comment before the numbers that has as
+    many cells is the header.
 
     Parameters
     ----------
@@ -144,6 +145,7 @@ def parse_table(
     Raises
     ------
     FormatError
+        If the text is not a table of numbers.
     """
     comments, lines, before = list[str](), list[tuple[int, str]](), 0
     for number, line in enumerate(text.splitlines(), 1):

@@ -72,6 +72,7 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     Raises
     ------
     FormatError
+        If the file cannot be read, or has no valid curve, or an engine must be chosen.
     """
     if path.suffix.lower() == ".eng":
         return parse_eng(read_text(path), options.get("engine"))
@@ -157,6 +158,7 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     Raises
     ------
     FormatError
+        If the text has no valid curve, or an engine must be chosen.
     """
     engines = _engines(text)
     names: list[Any] = [header[0] for _, header, _ in engines]

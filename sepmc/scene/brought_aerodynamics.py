@@ -153,7 +153,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
         if odd and np.abs(grid[0]).max() > _ZERO * np.abs(grid).max():
             problems.add(
                 f"{key_path}.{name}",
-                f"is not 0 at {mirror} = 0, but its mirror image has the other sign there",
+                f"is not 0 at {mirror} = 0, but must be: its mirror image has the opposite sign",
             )
             continue
         image = (-1.0 if odd else 1.0) * grid[:0:-1]

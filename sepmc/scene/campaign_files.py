@@ -40,7 +40,9 @@ def find_file(file: str | Path) -> Path:
         if len(path.parts) == 1 and name in shipped:
             return shipped[name]
     if file and path.is_dir():
-        raise SceneError([f"{file}: is a folder, and not that of a run; give a file, or a run"])
+        raise SceneError(
+            [f"{file}: is a folder, and not that of a run; give a file, or a run folder"]
+        )
     hint = "shipped campaigns: " + ", ".join(shipped)
     if len(path.parts) == 1:  # without the suffix, in which all names agree
         hint = nearest(path.stem, [Path(name).stem for name in shipped])

@@ -110,7 +110,8 @@ def _check_body(name: str, body: Body, problems: Problems) -> None:
 
 
 def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
-    """Check the body and the thrust profile of a motor."""
+    """Add problems of a motor: an unknown body, or a profile with times that do not rise from 0 or
+    later, or with columns of different length."""
     key_path = f"motor.{motor.name}"
     check_known(f"{key_path}.body", motor.body, scene.body, "body", problems)
     if motor.profile is not None:
@@ -126,7 +127,8 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
 
 
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Check the bodies, axes, own kinds, ``fails`` and guide of a joint."""
+    """Add problems of a joint: unknown or equal bodies, axes that are zero or parallel, own kinds
+    named like those of `KINDS`, ``fails`` other than 0 and 1, and a guide without effect."""
     key_path = f"joint.{name}"
     check_pair(f"{key_path}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
@@ -193,7 +195,8 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
 
 
 def _check_initial(scene: Scene, problems: Problems) -> None:
-    """Check the initial yaw angle, and the initial speed and altitude for this scene."""
+    """Add problems of the initial state: yaw beyond +-89 deg, speed although a joint connects to
+    the ground, and an altitude outside the 1976 atmosphere if that is used."""
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
         problems.add(

@@ -166,7 +166,7 @@ def resolve(
             problems.add(
                 key_path,
                 f"would have the column {column}, which {key_of_column[column]!r} has: rename one "
-                "of their tables",
+                "of the two tables that they are in",
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key
@@ -195,7 +195,7 @@ def _from_column(
             problems.add(key_path, "give a column of run.samples or a distribution, not both")
             return None
         if table is None:
-            reason = "needs run.samples, the table that has it"
+            reason = "needs run.samples, the table with this column"
             problems.add(f"{key_path}.column", reason, distribution.column)
             return None
     assert table is not None

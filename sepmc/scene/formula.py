@@ -62,7 +62,7 @@ _TOKEN = re.compile(
 
 
 class FormulaError(ValueError):
-    """A text that is no formula; the message is the reason and what is allowed."""
+    """Raised for a text that is no formula; the message is the reason and what is allowed."""
 
 
 @dataclass(frozen=True)

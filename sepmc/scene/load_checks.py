@@ -74,8 +74,8 @@ def check_lengths(
 
 
 def check_loads(scene: Scene, problems: Problems) -> None:
-    """Check springs, burn times of motors, loads, names of bodies, aerodynamic tables, polynomial
-    terms by signals, outlines and proximity increments."""
+    """Add problems of springs, burn times of motors, loads, names of bodies, aerodynamic tables,
+    outlines and proximity tables, and of polynomial terms that are no terms and name no signal."""
     for spring in scene.spring:
         _check_spring(spring, scene, problems)
     for motor in scene.motor:
@@ -116,7 +116,8 @@ def check_loads(scene: Scene, problems: Problems) -> None:
 
 
 def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> None:
-    """Check the distance or axes of a proximity table, and the shapes of its grids."""
+    """Add problems of a proximity table: it needs either a distance or one to three axes, which
+    rise, and grids of the same shape."""
     grids = {key: getattr(entry, key) for key in COEFFICIENTS if getattr(entry, key)}
     if entry.axes is None:
         check_series(key_path, "distance_m", entry.distance, 2, problems)
@@ -140,7 +141,8 @@ def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> No
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
-    """Check the bodies, the force table and the direction of a spring."""
+    """Add problems of a spring: unknown or equal bodies, a force table that does not rise or does
+    not extend beyond 0, an axis of zero length, or equal points without an axis."""
     key_path = f"spring.{spring.name}"
     check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
     if spring.table is not None:
@@ -150,7 +152,7 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
         if extension and extension[-1] <= 0.0:
             problems.add(
                 f"{key_path}.table.extension_m",
-                "must end beyond 0: extension counts from the start",
+                "must end beyond 0: the extension is 0 at the start",
                 list(extension),
             )
     if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
@@ -166,8 +168,9 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
 
 
 def _check_part(key_path: str, part: Part, problems: Problems) -> None:
-    """Check that a part of an outline is either a frustum or points, and that ``hollow``,
-    ``sector_deg`` and ``offset_m`` fit it."""
+    """Add problems of a part of an outline, which must be either a frustum or points; ``hollow``
+    and ``sector_deg`` need a frustum of some length, and exclude each other; ``offset_m`` needs a
+    frustum."""
     if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
         not part.points
     ):
@@ -195,8 +198,8 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
 
 
 def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
-    """Check the axes of an aerodynamic table and the shapes of its grids, and that the air has a
-    speed of sound if the table has several Mach numbers."""
+    """Add problems of an aerodynamic table: no axis, axes that do not rise, grids of another shape,
+    or several Mach numbers in a table of air without a speed of sound."""
     axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
     axes_given = {key: axis for key, axis in axes.items() if axis}
     for key, axis in axes_given.items():
@@ -219,8 +222,9 @@ def _check_grids(
     grids: Mapping[str, list[Any]],
     problems: Problems,
 ) -> None:
-    """Check that each grid is nested lists of numbers, with one level of each axis's length in the
-    order of ``axes``, and that the axes have at most `TABLE_CELLS` combinations."""
+    """Add a problem for each of ``grids`` that is not nested lists of numbers with a level for each
+    of ``axes``, in their order and of their length, and one for more than `TABLE_CELLS` grid
+    points."""
     shape = tuple(len(axis) for axis in axes.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(
@@ -244,7 +248,9 @@ def _check_grids(
 
 
 def check_air(scene: Scene, problems: Problems) -> None:
-    """Check the tables of air and wind over height: presence, axes, lengths and signs."""
+    """Add problems of the tables of air and wind over height: a table of air without ``atmosphere =
+    "table"`` or the reverse, altitudes that do not rise, columns of different length, and densities
+    or speeds of sound that are not positive."""
     air, profile = scene.environment.air, scene.environment.wind.profile
     if (scene.environment.atmosphere == "table") != (air is not None):
         reason = 'belongs to atmosphere = "table": give both, or none of them'
@@ -274,8 +280,8 @@ def check_air(scene: Scene, problems: Problems) -> None:
 
 
 def check_outputs(scene: Scene, problems: Problems) -> None:
-    """Check that outputs and clearances name existing joints, bodies and outline parts, none of
-    them twice, and that a clearance is not between thin surfaces only."""
+    """Add problems of outputs and clearances: names of joints, bodies or outline parts that do not
+    exist, lack what is asked for or occur twice, and clearances between thin surfaces only."""
     for body in scene.output.transverse:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):

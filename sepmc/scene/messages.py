@@ -24,11 +24,11 @@ class SceneError(InputError):
 
 
 class SceneWarning(UserWarning):
-    """Valid input that is probably a mistake."""
+    """Warning about valid input that is probably a mistake."""
 
 
 class RunWarning(UserWarning):
-    """A note on a run, issued as a warning if the Python caller passes no function ``announce`` to
+    """Warning with a note on a run, issued if the Python caller passes no function ``announce`` to
     receive notes."""
 
 

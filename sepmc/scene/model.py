@@ -84,7 +84,8 @@ class AirProfile(_Table, frozen=True, kw_only=True):
 
 
 class Environment(_Table, frozen=True, kw_only=True):
-    """Atmosphere, a factor on its density, gravity (at the surface, m/s2) and wind."""
+    """Environment of the flight: atmosphere ("table": that of ``air``) and a factor on its density,
+    gravity (model, and value at the surface, m/s2), and wind."""
 
     atmosphere: Literal["us1976", "table", "none"] = "us1976"
     air: AirProfile | None = None
@@ -429,7 +430,8 @@ class Joint(_Table, frozen=True, kw_only=True):
 
 class Condition(_Table, frozen=True, kw_only=True):
     """A condition on time, motion or loads. Of several thresholds the first that is reached meets
-    it; a condition that was met stays met. ``joint`` and ``body`` name what the thresholds are of.
+    it; a condition that was met stays met. ``joint`` and ``body`` name what thresholds are of;
+    ``any`` and ``all`` combine further conditions.
 
     With a ``direction`` the quantity must cross its threshold in that direction. Without one an
     altitude or a vertical speed must cross it in either direction; any other quantity meets it at
@@ -464,8 +466,8 @@ class Phase(_Table, frozen=True, kw_only=True):
 
 class Release(_Table, frozen=True, kw_only=True):
     """Change of one joint to the kind ``to`` when a condition is met, in any phase. A case in which
-    the joint stays constrained because the condition is never met has the status never-released,
-    unless the release is ``optional``."""
+    the condition is not met and the joint still constrains at the end has the status
+    never-released, unless the release is ``optional``."""
 
     name: Name
     joint: str

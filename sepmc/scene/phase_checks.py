@@ -115,8 +115,8 @@ def _check_kind(key_path: str, joint: str, kind: str, scene: Scene, problems: Pr
 
 
 def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Problems) -> None:
-    """Check that a condition has something to wait for, that the joint, body, motor or spring which
-    it names exists, and that its keys belong together; nested conditions too."""
+    """Add problems of a condition and of those nested in it: nothing to wait for, a joint, body,
+    motor or spring that does not exist, a motor that never burns out, or keys that need others."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
     if (
@@ -242,7 +242,8 @@ def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Probl
 
 
 def _check_rods(scene: Scene, problems: Problems) -> None:
-    """Check that the two points of a rod differ, and that those of joints of other kinds do not."""
+    """Add a problem for each rod whose two points do not differ, and for each joint of another kind
+    whose two points do."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints[name] for phase in scene.phase if name in phase.joints]
         second = joint.second_point

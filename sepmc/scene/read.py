@@ -417,13 +417,19 @@ def _check_requirement(
     metrics = [*NOT_OK_LABELS, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
-            reason = f"{VIOLATION!r} of the other requirements has no bound: leave it out"
+            reason = (
+                f"{VIOLATION!r} of the other requirements has no bound: leave at_least and at_most "
+                "out"
+            )
             problems.add(key_path, reason)
         if all(other.metric == VIOLATION for other in requirements):
             problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
     elif requirement.metric in NOT_OK_LABELS:
         if low is not None or high is not None:
-            reason = f"{requirement.metric!r} is a status, which has no bound: leave it out"
+            reason = (
+                f"{requirement.metric!r} is a status, which has no bound: leave at_least and "
+                "at_most out"
+            )
             problems.add(key_path, reason)
     elif requirement.metric not in outcomes:
         problems.add(
