@@ -175,7 +175,7 @@ def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
     if not 0.9 * _RADIUS < distance < 100.0 * _RADIUS:
         raise FormatError(
             f"line {segment.line}: a distance of {distance / 1e3:.6g} km from the centre of the "
-            "Earth; positions are in km"
+            "Earth is too small or too large; positions are in km"
         )
     return position, velocity
 
@@ -186,7 +186,7 @@ def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     x, y, z = position
     radius = math.hypot(x, y)
     if radius < 1.0:
-        raise FormatError("lies above a pole, where there is no east")
+        raise FormatError("lies above a pole of the Earth, where no direction is east")
     squared = _FLATTENING * (2.0 - _FLATTENING)
     latitude, height = math.atan2(z, radius * (1.0 - squared)), 0.0
     for _ in range(10):
@@ -259,8 +259,8 @@ def _direction(segment: Segment, version: str, frame: str) -> bool:
               if not is_body]  # fmt: skip
     if sum(bodies) != 1 or others != [_SAME.get(frame, frame)]:
         raise FormatError(
-            f"line {segment.line}: is of {frames[0]} and {frames[1]}; must be of SC_BODY and the "
-            f"frame of the trajectory, {frame}"
+            f"line {segment.line}: is an attitude between {frames[0]} and {frames[1]}; must be of "
+            f"SC_BODY and the frame of the trajectory, {frame}"
         )
     direction = segment.metadata.get("ATTITUDE_DIR", "A2B" if version[0] != "1" else "").upper()
     if direction not in ("A2B", "B2A"):
@@ -289,7 +289,9 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         quaternions = rows[:, :4]
         norms = np.linalg.norm(quaternions, axis=1)
         if np.abs(norms - 1.0).max() > 1e-3:
-            raise FormatError(f"line {segment.line}: has a quaternion of length {norms.max():.6g}")
+            raise FormatError(
+                f"line {segment.line}: has a quaternion of length {norms.max():.6g}, not 1"
+            )
         if order == "FIRST":
             quaternions = np.roll(quaternions, -1, axis=1)
         return Rotation.from_quat(quaternions), f"quaternions, scalar part {order.lower()}"

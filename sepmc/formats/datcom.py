@@ -105,7 +105,9 @@ def read_datcom(
     output, sideslip = _chosen(text, options)
     table, understood = _table(output, sideslip)
     if aero.get("per") == "deg":
-        raise FormatError('states what is per degree: give no per = "deg" beside it')
+        raise FormatError(
+            'states what is per degree: give no per = "deg" in [body.NAME.aerodynamics]'
+        )
     if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
         for key in ("side", "side_p", "side_r"):
             if key in table:
@@ -245,7 +247,7 @@ def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
             first = next(iter(UNITS[kind]))
             raise FormatError(
                 f"has the {stem.replace('_', ' ')} {own:.6g} {first}, but {key} is "
-                f"{value:g}: the coefficients of the file belong to its own"
+                f"{value:g}: give that of the file, by which its coefficients are divided"
             )
 
 

@@ -138,7 +138,9 @@ def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, 
             or isinstance(scale, bool)
             or not isinstance(scale, int | float)
         ):
-            raise FormatError(f"columns.{key}: must be a variable, or {{ column, scale }}")
+            raise FormatError(
+                f"columns.{key}: must be a variable, or {{ column = NAME, scale = 1.0 }}"
+            )
         if name not in variables and name not in by_name:
             hint = nearest(name, [*variables, *by_name])
             raise FormatError(f"columns.{key}: no variable {shorten(name)}; {hint}")
@@ -179,7 +181,8 @@ def _function(element: Element, root: Element, variables: dict[str, Element]) ->
     if len(points) != len(names) or not points or math.prod(shape) > _CELLS:
         raise FormatError(
             f"line {element.line}: {result} has {len(points)} sets of breakpoints for "
-            f"{len(names)} variables, {' x '.join(map(str, shape))} values"
+            f"{len(names)} variables, {' x '.join(map(str, shape))} values: must have one set for "
+            "each variable, and at most 100,000 values"
         )
     for name, axis in zip(names, points, strict=True):
         if (np.diff(axis) <= 0.0).any():
@@ -196,7 +199,9 @@ def _grid(element: Element, root: Element) -> Element:
         return own
     reference = next(element.all("griddedTableRef"), None)
     if reference is None:
-        raise FormatError(f"line {element.line}: has no gridded table; others are not read")
+        raise FormatError(
+            f"line {element.line}: has no gridded table; tables of other kinds are not read"
+        )
     name = reference.attributes.get("gtID", "").strip()
     tables = {each.attributes.get("gtID", "").strip(): each for each in root.all("griddedTableDef")}
     if name not in tables:

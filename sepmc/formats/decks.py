@@ -124,7 +124,9 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
         bare = split_header(title, "")[0].strip()
         if bare not in _EXACT and plain(bare) in _TWO_MEANINGS:
             meanings = _TWO_MEANINGS[plain(bare)]
-            raise FormatError(f"column {title}: write {meanings}, or name it by columns")
+            raise FormatError(
+                f"column {title} has two meanings: write {meanings}, or name it by columns"
+            )
         name = _EXACT.get(bare, _SMALL.get(plain(bare), ""))
         if bare in (*COEFFICIENTS, *DERIVATIVES):
             name = bare

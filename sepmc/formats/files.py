@@ -204,7 +204,7 @@ def _thrust(
             problems.add(f"{key_path}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
             return understood
         if curve.is_fraction or not curve.impulse > 0.0:
-            reason = "scales a curve of forces: the file must have one, with a positive impulse"
+            reason = "scales a curve of forces: the file must have forces, with a positive impulse"
             problems.add(f"{key_path}.{wanted}", reason)
             return understood
         factor = value * size / curve.impulse
@@ -231,7 +231,7 @@ def _thrust(
                     f"fractions of {thrust_key} = {given:g}: the curve keeps its newtons"
                 )
         if not full:
-            raise FormatError("has no thrust at all")
+            raise FormatError("has no thrust at all: every force is 0")
         fractions = [f * factor / full for f in curve.thrust]
     profile["time_s"], profile["fraction"] = curve.time, fractions
     return understood

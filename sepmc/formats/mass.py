@@ -211,7 +211,10 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
         compiler |= each.attributes if each.tag == "compiler" else {}
     for key, plain in _WHOLE_MODEL:
         if compiler.get(key, plain[0]) not in plain:
-            raise FormatError(f"has {key} in its compiler: inertia follows from the whole model")
+            raise FormatError(
+                f"has {key} in its compiler: inertia then follows from the whole model, which is "
+                "not read"
+            )
     bodies = [body for body in root.all("body") if body.child("inertial")]
     if name is not None and any(
         body.attributes.get("name") == name and body.child("inertial") is None
@@ -248,7 +251,9 @@ def _orientation(
     if not known:
         return np.eye(3)
     if len(known) > 1:
-        raise FormatError(f"line {inertial.line}: inertial has {known[0]} and {known[1]}")
+        raise FormatError(
+            f"line {inertial.line}: inertial has {known[0]} and {known[1]}: must have one"
+        )
     kind = known[0]
     if include is not None and kind in ("euler", "axisangle"):
         raise FormatError(
@@ -275,7 +280,7 @@ def _orientation(
             raise FormatError(f"eulerseq = {shorten(sequence)}: must be such as xyz or XYZ")
         letters = sequence.upper() if is_moving else sequence.lower()  # scipy: capitals move
         if letters[0] == letters[1] or letters[1] == letters[2]:
-            raise FormatError(f"eulerseq = {shorten(sequence)}: turns twice about one axis")
+            raise FormatError(f"eulerseq = {shorten(sequence)}: must not turn twice about one axis")
         return Rotation.from_euler(letters, values, degrees=is_degree).as_matrix()
     if kind == "axisangle":
         angle = np.radians(values[3]) if is_degree else values[3]

@@ -247,7 +247,7 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
         in_si = values_in_si(values, mapped.channel, unit, kind)
     except FormatError:
         raise FormatError(
-            f"channel {mapped.channel}: {unit!r} is no unit of {kind}, of "
+            f"channel {mapped.channel}: {unit!r} is no unit of {kind}, which are "
             f"{', '.join(UNITS[kind])}; name one in the map, such as "
             f"{mapped.column}={mapped.channel}[{own}], with a factor where it needs one"
         ) from None
@@ -354,7 +354,9 @@ def _of_table(
         raise FormatError(f"column {title}: {unit!r} is no unit of time")
     seconds = columns[title] * factor
     if not np.isfinite(seconds).any():
-        raise FormatError(f"column {title}: has no number; times are numbers, in s unless said")
+        raise FormatError(
+            f"column {title}: has no number; times must be numbers, in s unless it has a unit"
+        )
     return {stem + k: _Raw(seconds, v, "", lines) for k, v in columns.items() if k != title}
 
 
@@ -395,7 +397,7 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
         for name in group:
             count += 1
             if count > _MOST_VECTORS:
-                raise FormatError(f"has more than {_MOST_VECTORS:,} names")
+                raise FormatError(f"has more than {_MOST_VECTORS:,} names: too many")
             if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 continue  # references of MATLAB, links
             item = group[name]
@@ -410,7 +412,7 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
             ):
                 size += 8 * item.size  # what a small file unpacks to has no limit of its own
                 if size > FILE_BYTES:
-                    raise FormatError(f"has more than {FILE_BYTES // 8:,} numbers")
+                    raise FormatError(f"has more than {FILE_BYTES // 8:,} numbers: too many")
                 struct[name] = np.asarray(item[()]).reshape(-1)
         return struct
 

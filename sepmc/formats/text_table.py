@@ -300,7 +300,7 @@ def _check_names(names: Sequence[str]) -> None:
         if count > 1:
             raise FormatError(f"has the column {shorten(name)} twice")
         if printable(name) != name:
-            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+            raise FormatError(f"has a column whose name is no plain text: {printable(name, 60)}")
 
 
 def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
@@ -331,6 +331,6 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
         if not (gaps or np.isfinite(values).all()):
             row = int(np.argmin(np.isfinite(values)))
             where = TextTable({}).where(row)
-            raise FormatError(f"{where}: column {shorten(name)} is no number")
+            raise FormatError(f"{where}: column {shorten(name)} is no finite number")
         columns[name] = values
     return TextTable(columns, (), "Parquet")

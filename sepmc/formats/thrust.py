@@ -163,7 +163,7 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     engines = _engines(text)
     names: list[Any] = [header[0] for _, header, _ in engines]
     if not engines:
-        raise FormatError("has no engine: a line of name, diameter, length, delays and masses")
+        raise FormatError("has no engine, no line of name, diameter, length, delays and masses")
     if engine is None and len(engines) > 1:
         listed = ", ".join(map(str, names[:8]))
         raise FormatError(f'has {len(engines)} engines; choose one by engine = "NAME": {listed}')

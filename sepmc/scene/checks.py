@@ -207,7 +207,7 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
     if holds_ground(scene) and initial.speed != 0.0:
         problems.add(
             "initial.speed_m_s",
-            "must be 0 where a joint of the first phase connects to the ground",
+            "must be 0 if a joint of the first phase connects to the ground",
             initial.speed,
         )
     if scene.environment.atmosphere == "us1976" and not 0.0 <= initial.altitude <= ATMOSPHERE_TOP:
@@ -238,7 +238,7 @@ def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -
         and parts[4] == "offset"
         and outline[item_names(outline).index(parts[3])].stations is None
     ):
-        reason = "belongs to a frustum's axis, and this part has points: disperse those"
+        reason = "belongs to a frustum's axis, and this part has points: disperse points_m"
         problems.add(key_path, reason)
 
 

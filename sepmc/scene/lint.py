@@ -138,8 +138,8 @@ def _off_axis(scene: Scene) -> Iterator[str]:
         aside = math.hypot(body.cg[1], body.cg[2])
         if aside > _BESIDE * length:
             yield (
-                f"body.{name}.cg = {_list(body.cg)} m is {aside:.3g} m beside the axis of a "
-                f"vehicle of {length:.3g} m: is it in another unit?"
+                f"body.{name}.cg = {_list(body.cg)} m is {aside:.3g} m off the axis of a "
+                f"vehicle that is {length:.3g} m long: is it in another unit?"
             )
 
 
@@ -156,7 +156,7 @@ def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iter
         if nominal and math.isfinite(nominal) and high - low > 2.0 * _WIDE * abs(nominal):
             yield (
                 f"dispersion of {each.sentence}: reaches {low:.4g} to {high:.4g} about a nominal "
-                f"of {nominal:.4g}; 5 % of the nominal is 0.05 with relative = true"
+                f"of {nominal:.4g}: is a fraction meant? 5 % of it is 0.05 with relative = true"
             )
 
 
@@ -183,7 +183,7 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
             yield (
                 f"dispersion of {each.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}}"
                 f" of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
-                "the key may not have, and are not run (invalid-input): truncate the "
+                "the key may not have, and are not run (status invalid-input): truncate the "
                 "distribution by truncate_sigma"
             )
 

@@ -314,7 +314,7 @@ def _parse(
         if copulas and scene.run.sampler == SALTELLI:
             problems.add(
                 "run.sampler",
-                "needs parameters that vary independently, without [[correlation]]",
+                "needs parameters that vary independently: remove [[correlation]]",
                 scene.run.sampler,
             )
     check_formula_outcomes(scene, dispersed, problems)
