@@ -38,7 +38,8 @@ class TextTable:
     comments : tuple of str
         Texts of the comment lines.
     separator : str
-        Name of the separator: "comma", "blank", ... or "Parquet".
+        Name of the separator, such as "comma" or "blank"; "Parquet" or "fixed width" for tables
+        without one.
     header : str
         Where the names of the columns come from: ``line``, a header line or the caller's names;
         ``comment``, a comment of the file; ``assumed``, the caller's ``assumed`` names.

@@ -34,8 +34,9 @@ MOST_STEPS = 100_000_000  # steps of a case
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
-    """Add all problems of a scene that lie in several values together; each value is valid by
-    itself."""
+    """Add the problems of a scene that no single value shows: wrong references between tables,
+    phases out of order, impossible inertias, redundant constraints and the like. Single values are
+    checked before, by `sepmc.scene.tables.read_table`."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():

@@ -215,7 +215,7 @@ def _number(value: object) -> Number:
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise FormulaError("has a number that is too large: at most 1.8e308")
+        raise FormulaError("has a number that is too large: must be at most 1.8e308")
     return Number(number)
 
 

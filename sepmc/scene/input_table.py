@@ -35,8 +35,8 @@ class InputTable:
     columns : dict of ndarray (n,)
         Numeric columns by name.
     words : dict of str
-        For each column that is not numeric, by name, a text that says which of its values is no
-        number first.
+        For each column that is not numeric, by name, a text for messages on its first value that is
+        no number.
     rows_in_file : ndarray (n,), optional
         Index in the file, from 0, of each row.
     """

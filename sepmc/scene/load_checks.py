@@ -75,7 +75,8 @@ def check_lengths(
 
 def check_loads(scene: Scene, problems: Problems) -> None:
     """Add problems of springs, burn times of motors, loads, names of bodies, aerodynamic tables,
-    outlines and proximity tables, and of polynomial terms that are no terms and name no signal."""
+    outlines and proximity tables, and of names in polynomials that are neither a term nor a
+    signal."""
     for spring in scene.spring:
         _check_spring(spring, scene, problems)
     for motor in scene.motor:

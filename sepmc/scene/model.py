@@ -241,7 +241,7 @@ class Motor(_Table, frozen=True, kw_only=True):
 
 class ForceTable(_Table, frozen=True, kw_only=True):
     """Table of a spring's force (N) over its extension (m), constant before the first row and after
-    the last. While the extension shrinks the force is multiplied by ``return_factor``."""
+    the last. While the extension shrinks this force is multiplied by ``return_factor``."""
 
     extension: Annotated[Series, Quantity("length")]
     force: Annotated[Series, Quantity("force")]
