@@ -264,7 +264,9 @@ def _direction(segment: Segment, version: str, frame: str) -> bool:
         )
     direction = segment.metadata.get("ATTITUDE_DIR", "A2B" if version[0] != "1" else "").upper()
     if direction not in ("A2B", "B2A"):
-        raise FormatError(f"line {segment.line}: ATTITUDE_DIR is missing; must be A2B or B2A")
+        raise FormatError(
+            f"line {segment.line}: ATTITUDE_DIR is missing or unknown; must be A2B or B2A"
+        )
     return bodies[0] == (direction == "A2B")
 
 
@@ -281,7 +283,7 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         order = segment.metadata.get("QUATERNION_TYPE", "LAST" if version[0] != "1" else "").upper()
         if order not in ("FIRST", "LAST"):
             raise FormatError(
-                f"line {segment.line}: QUATERNION_TYPE is missing; must be FIRST or LAST, where "
+                f"line {segment.line}: QUATERNION_TYPE is missing or unknown; must be FIRST or LAST, where "
                 "the scalar part stands"
             )
         if rows.shape[1] < 4:
