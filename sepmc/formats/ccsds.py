@@ -283,8 +283,8 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         order = segment.metadata.get("QUATERNION_TYPE", "LAST" if version[0] != "1" else "").upper()
         if order not in ("FIRST", "LAST"):
             raise FormatError(
-                f"line {segment.line}: QUATERNION_TYPE is missing or unknown; must be FIRST or LAST, where "
-                "the scalar part stands"
+                f"line {segment.line}: QUATERNION_TYPE is missing or unknown; must be FIRST or "
+                "LAST, where the scalar part stands"
             )
         if rows.shape[1] < 4:
             raise FormatError(f"line {segment.line}: has rows of {rows.shape[1]} numbers, not 4")
