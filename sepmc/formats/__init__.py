@@ -1,1 +1,2 @@
-"""Files of the field, read to tables of a campaign: thrust curves, aerodynamic decks, soundings."""
+"""Readers of file formats of other programs: thrust curves, aerodynamic decks, soundings, mass
+properties, trajectories, telemetry; and writers of result tables."""

@@ -1,4 +1,5 @@
-"""Initial states from trajectories of CCSDS: orbit and attitude ephemerides (OEM, AEM)."""
+"""Reading of the initial state of a flight from CCSDS trajectories: orbit ephemerides (OEM) and
+attitude ephemerides (AEM)."""
 
 import math
 from datetime import datetime
@@ -25,8 +26,8 @@ _EULER = {"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"}
 
 
 def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
-    """The segment that contains an epoch; raises FormatError, with ``text`` as the epoch, if none
-    does."""
+    """Return the first segment whose rows enclose ``epoch``, s as in `Segment.epochs`. Raises
+    FormatError if there is none; ``text`` is the epoch for the message."""
     for segment in segments:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment
@@ -37,17 +38,17 @@ def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
 
 
 def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Initial state of the mated vehicle from a trajectory.
+    """Read the initial state of the mated vehicle from an orbit ephemeris.
 
     Parameters
     ----------
     path : Path
-        An OEM.
+        File of an OEM.
     options : dict
-        ``epoch``: of the start, needed if there are several rows. ``attitude``: table with
-        ``file``, the path of an AEM, and ``axes``, the directions of its body axes, such as
-        "forward-right-down". ``azimuth_deg``: compass direction of ground x; by default that of
-        the velocity.
+        ``epoch``: epoch of the start of the flight, needed if the file has several rows.
+        ``attitude``: table with ``file``, the path of an AEM, and ``axes``, the directions of its
+        body axes, such as "forward-right-down"; without it alpha is 0. ``azimuth_deg``: compass
+        direction of ground x; by default that of the velocity relative to the Earth.
 
     Returns
     -------
@@ -59,7 +60,7 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     _, segments = parse_message(read_text(path), "OEM")
     epoch, text = _epoch(options.get("epoch"), segments)
@@ -89,7 +90,7 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
     understood = [
         f"state of {segment.metadata.get('OBJECT_NAME', 'the object')} at {text} in {frame}: "
         f"altitude above WGS 84, speed relative to the Earth"
-        + (", which turns about z of the frame" if rate else ""),
+        + (", which rotates about z of the frame" if rate else ""),
         f"ground x to azimuth {azimuth:.6g} deg; path_pitch {path_pitch:.6g} deg",
     ]
     keys: dict[str, Any] = {
@@ -128,7 +129,9 @@ def _epoch(given: Any, segments: list[Segment]) -> tuple[float, str]:
 
 
 def _frame(segment: Segment) -> tuple[str, float]:
-    """Reference frame of an OEM, and the rate of the Earth in it, rad/s."""
+    """Name of the reference frame of an OEM's segment, and the rate of rotation of the Earth
+    relative to it, rad/s (0 if it is fixed to the Earth). Raises FormatError for other frames and
+    bodies."""
     center = segment.metadata.get("CENTER_NAME", "").upper()
     if center != "EARTH":
         raise FormatError(f"line {segment.line}: CENTER_NAME is {shorten(center)}; must be EARTH")
@@ -144,7 +147,10 @@ def _frame(segment: Segment) -> tuple[str, float]:
 
 
 def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
-    """Position, m, and velocity, m/s, at an epoch: cubic through states and velocities."""
+    """Position (3,), m, and velocity (3,), m/s, of an OEM's segment at ``epoch``: those of the row
+    at that epoch, else of the cubic through positions and velocities of the two rows around it.
+    Raises FormatError if these rows contradict each other, or the position is not near the
+    Earth."""
     rows = np.array(segment.rows)
     times = np.array(segment.epochs) - segment.epochs[0]
     positions, velocities = 1e3 * rows[:, :3], 1e3 * rows[:, 3:6]
@@ -169,17 +175,18 @@ def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
     if not 0.9 * _RADIUS < distance < 100.0 * _RADIUS:
         raise FormatError(
             f"line {segment.line}: a distance of {distance / 1e3:.6g} km from the centre of the "
-            "Earth; positions are in km"
+            "Earth is too small or too large; positions are in km"
         )
     return position, velocity
 
 
 def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Unit vectors up (normal of WGS 84) and east, and the height above WGS 84, m."""
+    """Unit vectors up (normal to the ellipsoid of WGS 84) and east, each (3,), at a position (3,),
+    m, in Earth axes, and its height above the ellipsoid, m. Raises FormatError above a pole."""
     x, y, z = position
     radius = math.hypot(x, y)
     if radius < 1.0:
-        raise FormatError("lies above a pole, where there is no east")
+        raise FormatError("lies above a pole of the Earth, where no direction is east")
     squared = _FLATTENING * (2.0 - _FLATTENING)
     latitude, height = math.atan2(z, radius * (1.0 - squared)), 0.0
     for _ in range(10):
@@ -206,8 +213,10 @@ def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 def _attitude(
     attitude: Any, epoch: float, text: str, frame: str
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Matrix (3, 3) from body axes (forward, up, right) to the frame of the trajectory at an epoch,
-    angular rate (3,) in body axes, rad/s, and sentences."""
+    """Read the attitude of the vehicle at an epoch. Returns the rotation matrix (3, 3) from body
+    axes (forward, up, right) to the frame of the trajectory, the angular rate (3,) in body axes,
+    rad/s, and sentences. ``attitude`` is the option of `read_initial`, ``text`` the epoch for
+    messages. Raises FormatError."""
     if not isinstance(attitude, dict) or not isinstance(attitude.get("file"), str):
         raise FormatError('the attitude must be a table: { file = "NAME.aem", axes = "..." }')
     if unknown := [key for key in attitude if key not in ("file", "axes")]:
@@ -217,7 +226,7 @@ def _attitude(
     problems = Problems()
     matrix = axes_matrix("axes", attitude.get("axes"), problems)
     if matrix is None:
-        raise FormatError(f"the attitude needs {problems[0]}")
+        raise FormatError(f"attitude.{problems[0]}")
     try:
         version, segments = parse_message(read_text(path), "AEM")
         segment = _segment_at(segments, epoch, text)
@@ -242,28 +251,31 @@ def _attitude(
 
 
 def _direction(segment: Segment, version: str, frame: str) -> bool:
-    """True if rotations are from the body to the frame of the trajectory."""
+    """True if the rotations of an AEM's segment are from the body to the frame of the trajectory,
+    False if they are the reverse. Raises FormatError if they are between other frames."""
     frames = [segment.metadata.get(f"REF_FRAME_{x}", "").upper() for x in "AB"]
     bodies = [each.startswith(("SC_BODY", "SC BODY", "ACTUATOR", "INSTRUMENT")) for each in frames]
     others = [_SAME.get(each, each) for each, is_body in zip(frames, bodies, strict=True)
               if not is_body]  # fmt: skip
     if sum(bodies) != 1 or others != [_SAME.get(frame, frame)]:
         raise FormatError(
-            f"line {segment.line}: is of {frames[0]} and {frames[1]}; must be of SC_BODY and the "
-            f"frame of the trajectory, {frame}"
+            f"line {segment.line}: is an attitude between {frames[0]} and {frames[1]}; must be of "
+            f"SC_BODY and the frame of the trajectory, {frame}"
         )
     direction = segment.metadata.get("ATTITUDE_DIR", "A2B" if version[0] != "1" else "").upper()
     if direction not in ("A2B", "B2A"):
-        raise FormatError(f"line {segment.line}: ATTITUDE_DIR is missing; must be A2B or B2A")
+        raise FormatError(
+            f"line {segment.line}: ATTITUDE_DIR is missing or unknown; must be A2B or B2A"
+        )
     return bodies[0] == (direction == "A2B")
 
 
 def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
-    """Rotations that take components in frame B to components in frame A, one for each row, and a
-    text on how they are written.
+    """Rotations of an AEM's segment, one for each row, and a text on how the file writes them.
 
-    CCSDS turns frames: its rotation from A to B takes components in A to components in B, the
-    inverse of the rotation of the axes, which is returned.
+    A rotation of CCSDS from one frame to another rotates the axes of the first into those of the
+    second. This rotation of axes is returned: its matrix takes components in the second frame to
+    components in the first. Raises FormatError if the rows are not valid.
     """
     rows = np.array(segment.rows)
     kind = segment.metadata.get("ATTITUDE_TYPE", "").upper()
@@ -271,15 +283,17 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         order = segment.metadata.get("QUATERNION_TYPE", "LAST" if version[0] != "1" else "").upper()
         if order not in ("FIRST", "LAST"):
             raise FormatError(
-                f"line {segment.line}: QUATERNION_TYPE is missing; must be FIRST or LAST, where "
-                "the scalar part stands"
+                f"line {segment.line}: QUATERNION_TYPE is missing or unknown; must be FIRST or "
+                "LAST, where the scalar part stands"
             )
         if rows.shape[1] < 4:
             raise FormatError(f"line {segment.line}: has rows of {rows.shape[1]} numbers, not 4")
         quaternions = rows[:, :4]
         norms = np.linalg.norm(quaternions, axis=1)
         if np.abs(norms - 1.0).max() > 1e-3:
-            raise FormatError(f"line {segment.line}: has a quaternion of length {norms.max():.6g}")
+            raise FormatError(
+                f"line {segment.line}: has a quaternion of length {norms.max():.6g}, not 1"
+            )
         if order == "FIRST":
             quaternions = np.roll(quaternions, -1, axis=1)
         return Rotation.from_quat(quaternions), f"quaternions, scalar part {order.lower()}"

@@ -1,5 +1,5 @@
-"""Messages of CCSDS as segments of metadata and rows: orbit ephemeris (OEM, 502.0-B) and attitude
-ephemeris (AEM, 504.0-B), in keyword = value notation and in XML (505.0-B)."""
+"""Parsing of CCSDS messages to segments of metadata and rows: orbit ephemerides (OEM, 502.0-B) and
+attitude ephemerides (AEM, 504.0-B), in keyword = value notation and in XML (505.0-B)."""
 
 import math
 import re
@@ -22,18 +22,20 @@ _LETTERS = {"1": "X", "2": "Y", "3": "Z"}
 
 @dataclass
 class Segment:
-    """A segment of a message.
+    """Segment of a CCSDS message: metadata, and rows of numbers over time.
 
     Attributes
     ----------
     metadata : dict of str to str
+        Values by keyword.
     line : int
-        At which it begins.
+        Line number of the file at which the segment begins.
     epochs : list of float
-        s since year 1.
+        Time of each row, s since year 1 (`seconds_of`), rising.
     rows : list of list of float
+        Numbers of each row, in the order and units of the file.
     first, last : str
-        Epochs as they stand.
+        Epochs of the first and the last row as the file writes them.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
@@ -45,7 +47,8 @@ class Segment:
 
 
 def seconds_of(text: str) -> float | None:
-    """Time of an epoch, s since year 1 of its own time system; None if it is no epoch.
+    """Convert the text of an epoch to seconds since year 1 in its own time system, without leap
+    seconds.
 
     Parameters
     ----------
@@ -55,6 +58,7 @@ def seconds_of(text: str) -> float | None:
     Returns
     -------
     float or None
+        None if the text is no epoch.
     """
     try:
         if match := _EPOCH.fullmatch(text):
@@ -74,23 +78,26 @@ def seconds_of(text: str) -> float | None:
 
 
 def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
-    """Read a message.
+    """Parse a CCSDS message.
 
     Parameters
     ----------
     text : str
-        In keyword = value notation, or XML, which begins with ``<``.
+        Text in keyword = value notation, or in XML, which begins with ``<``.
     kind : {"OEM", "AEM"}
+        Kind of message that is expected.
 
     Returns
     -------
     version : str
+        Version of the format, as the message gives it.
     segments : list of Segment
-        Rows as they stand, of an OEM without accelerations; covariances are left out.
+        The segments that have rows. Accelerations of an OEM and covariances are left out.
 
     Raises
     ------
     FormatError
+        If the text is no message of this kind, or has no rows.
     """
     parse = _parse_xml if text.lstrip().startswith("<") else _parse_text
     version, segments = parse(text, kind)
@@ -100,7 +107,8 @@ def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 
 def _parse_text(text: str, kind: str) -> tuple[str, list[Segment]]:
-    """Version and segments of a message in keyword = value notation."""
+    """Parse a message in keyword = value notation to its version and segments, also those without
+    rows. Raises FormatError."""
     version, segments = "", list[Segment]()
     where = "header"
     for n, raw in enumerate(text.splitlines(), 1):
@@ -133,7 +141,8 @@ def _parse_text(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 
 def _parse_xml(text: str, kind: str) -> tuple[str, list[Segment]]:
-    """Version and segments of a message in XML, or of the only one of its kind in an ``ndm``."""
+    """Parse a message in XML, which may be the only one of its kind in an ``ndm``, to its version
+    and segments, also those without rows. Raises FormatError."""
     root, tag = parse_xml(text), kind.lower()
     messages = [root] if root.tag == tag else [x for x in root.children if x.tag == tag]
     if len(messages) != 1:
@@ -160,7 +169,8 @@ def _parse_xml(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 
 def _cells(state: Element, units: dict[str, str]) -> list[str]:
-    """Texts of some elements of a state, which are in these units."""
+    """Texts of the elements of a state whose tags are the keys of ``units``, in that order. Raises
+    FormatError if one is missing or there twice, or is not in the unit of ``units``."""
     cells = []
     for tag, unit in units.items():
         elements = list(state.all(tag))
@@ -176,7 +186,9 @@ def _cells(state: Element, units: dict[str, str]) -> list[str]:
 
 
 def _attitude_cells(state: Element, segment: Segment) -> list[str]:
-    """Texts of the numbers of an attitude, whose elements name their order."""
+    """Texts of the numbers of an attitude, an element ``state`` of XML: of a quaternion with the
+    scalar part last, which is also written into the metadata of ``segment``, or of Euler angles in
+    the order of EULER_ROT_SEQ. Raises FormatError."""
     kind = segment.metadata.get("ATTITUDE_TYPE", "").upper()
     if kind.startswith("QUATERNION"):
         segment.metadata["QUATERNION_TYPE"] = "LAST"
@@ -200,7 +212,9 @@ def _attitude_cells(state: Element, segment: Segment) -> list[str]:
 
 
 def _add_row(segment: Segment, cells: list[str], n: int, kind: str) -> None:
-    """Add a row of texts at a line: epoch and numbers. Raises FormatError."""
+    """Convert the texts of a row, epoch and numbers, and add them to a segment; a row equal to the
+    one before it is left out. ``n`` is the line number, ``kind`` "OEM" or "AEM". Raises
+    FormatError."""
     line = " ".join(cells)
     epoch = seconds_of(cells[0])
     if epoch is None:

@@ -1,4 +1,5 @@
-"""Columns of a file as quantities: names and units in the header, or named by the campaign."""
+"""Columns of a file as quantities in SI, found by the names and units in its header, or by what a
+campaign names."""
 
 import re
 from dataclasses import dataclass
@@ -33,14 +34,14 @@ _ZERO_CELSIUS = 273.15
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that a file may have.
+    """Quantity that a column of a file may have.
 
     Attributes
     ----------
     kind : str
         Key of `sepmc.scene.units.UNITS`; empty for one without a unit.
     names : tuple of str
-        Spellings of the column, in small letters without blanks.
+        Names by which a column is recognised, in small letters without blanks and punctuation.
     """
 
     kind: str
@@ -49,19 +50,20 @@ class Quantity:
 
 def split_header(title: str, kind: str) -> tuple[str, str]:
     """Split the title of a column into name and unit: ``thrust (N)``, ``thrust [N]``, ``thrust, N``
-    or ``thrust_N``; without a unit it is empty.
+    and ``thrust_N`` all give ``("thrust", "N")``.
 
     Parameters
     ----------
     title : str
     kind : str
         Kind of quantity, a key of `sepmc.scene.units.UNITS`: it distinguishes knots from
-        kilonewtons.
+        kilonewtons, for example.
 
     Returns
     -------
     name, unit : str
-        The unit as in keys, such as ``deg_s``; as written if it is none of the kind.
+        The unit as a suffix of keys, such as ``deg_s``; as written if it is no unit of this kind;
+        empty if the title has none.
     """
     units = {**UNITS.get(kind, {}), **({"degC": 1.0} if kind == "temperature" else {})}
     for pattern in (_IN_BRACKETS, _AFTER_COMMA):
@@ -76,8 +78,8 @@ def split_header(title: str, kind: str) -> tuple[str, str]:
 
 
 def _unit(text: str, units: dict[str, float]) -> str:
-    """Unit, as in keys, that a spelling such as ``m/s`` stands for; the text itself if it is none
-    of ``units``."""
+    """Unit suffix of keys, one of ``units``, that a spelling such as ``m/s`` means; a spelling that
+    means none of them is returned in some form that is not in ``units``."""
     if text in units:
         return text
     spelling = _SPELLINGS.get(text.lower(), text)
@@ -89,19 +91,26 @@ def _unit(text: str, units: dict[str, float]) -> str:
 
 
 def plain(name: str) -> str:
-    """Name in small letters, without blanks and punctuation."""
+    """Name in small letters, with only its letters a to z and digits."""
     return re.sub(r"[^a-z0-9]+", "", name.lower())
 
 
 class Columns:
-    """Columns of a table, by quantity.
+    """Columns of a table by quantity; `find` converts one to SI.
 
     Parameters
     ----------
     table : TextTable
     named : dict, optional
-        Columns by the quantity that the campaign names: a title, or ``{ column, scale }``. With a
-        unit in the key (``thrust_lbf``), that of the column.
+        Columns that a campaign names, by quantity: a title, or ``{ column, scale }``, where
+        ``scale`` is a factor. A unit in the key (``thrust_lbf``) is that of the column.
+
+    Attributes
+    ----------
+    named : dict of str to (str, float, str)
+        Title, factor and unit (empty: that of the title) of each named column, by quantity.
+    understood : list of str
+        Sentences for the user, which readers add to.
     """
 
     def __init__(self, table: TextTable, named: dict[str, Any] | None = None):
@@ -123,24 +132,25 @@ class Columns:
             self.named[quantity] = (title, float(scale), unit)
 
     def find(self, name: str, quantity: Quantity, default: str = "") -> np.ndarray | None:
-        """Values of a quantity in SI; None if the file has none.
+        """Find the column of a quantity and convert it to SI.
 
         Parameters
         ----------
         name : str
-            Of the quantity, in messages and in ``columns``.
+            Name of the quantity in messages and in ``columns``.
         quantity : Quantity
         default : str
-            Unit of a column without one; without a default it is refused.
+            Unit of a column that has none; if empty, such a column is an error.
 
         Returns
         -------
         ndarray (n,) or None
+            None if the file has no such column.
 
         Raises
         ------
         FormatError
-            If two columns have the quantity, or its unit is missing or none of it.
+            If two columns have the quantity, or the unit is missing or not one of the quantity.
         """
         scale = 1.0
         if name in self.named:
@@ -165,7 +175,8 @@ class Columns:
 
 
 def values_in_si(values: np.ndarray, title: str, unit: str, kind: str) -> np.ndarray:
-    """Values of a column in SI. Raises FormatError if its unit is missing or none of the kind."""
+    """Convert the values (n,) of the column ``title`` from ``unit``, a suffix of keys or "degC", to
+    SI. Raises FormatError if the unit is empty or not one of this kind of quantity."""
     units = UNITS[kind]
     if kind == "temperature" and unit == "degC":
         return values + _ZERO_CELSIUS

@@ -1,8 +1,8 @@
-"""Output of Digital DATCOM and Missile DATCOM (``for006.dat``): static coefficients and derivatives
-over Mach number and alpha.
+"""Reading of the output of Digital DATCOM and Missile DATCOM (``for006.dat``): static coefficients
+and derivatives over Mach number and alpha.
 
-Both print C_Y positive to the right, moments about their moment centre, C_l and C_n by the lateral
-length, and derivatives by rates over q L / 2 V.
+Both print C_Y positive to the right, moments about their moment centre, C_l and C_n divided by the
+lateral length, and derivatives by reduced rates such as q L / (2 V).
 """
 
 import math
@@ -46,8 +46,9 @@ _SIDESLIP = 30.0  # deg, to which slopes by beta are continued
 
 @dataclass
 class _Block:
-    """Values of one Mach number and sideslip (deg), as printed: ``values[title][alpha]`` at alpha
-    in deg; ``per_degree`` are the titles of slopes per degree."""
+    """Values that a case prints for one Mach number and one sideslip (``beta``, deg):
+    ``values[title][alpha]`` at alpha in deg. ``per_degree`` has the titles whose values are slopes
+    per degree."""
 
     mach: float
     beta: float
@@ -57,14 +58,16 @@ class _Block:
 
 @dataclass
 class _Output:
-    """Blocks of a case, and its reference quantities as printed, by their titles."""
+    """What one case prints: a block for each Mach number and sideslip, and its reference quantities
+    with unit, as text, by title."""
 
     blocks: list[_Block] = field(default_factory=list)
     references: dict[str, str] = field(default_factory=dict)
 
 
 def is_datcom(path: Path) -> bool:
-    """True for a file that looks like an output of DATCOM."""
+    """True if a file, by its ending and text, looks like an output of DATCOM. Raises FormatError if
+    it cannot be read."""
     if path.suffix.lower() not in (".dat", ".out", ".txt"):
         return False
     text = read_text(path)
@@ -74,7 +77,8 @@ def is_datcom(path: Path) -> bool:
 def read_datcom(
     path: Path, options: dict[str, Any], aero: dict[str, Any]
 ) -> tuple[dict[str, Any], list[str]]:
-    """Read an aerodynamic table from an output of DATCOM, in the conventions of this project.
+    """Read an aerodynamic table from an output of DATCOM and convert it to the conventions of
+    CONVENTIONS.md.
 
     Parameters
     ----------
@@ -82,7 +86,8 @@ def read_datcom(
     options : dict
         See `parse_datcom`.
     aero : dict
-        The aerodynamics that the table belongs to: its reference quantities are compared.
+        Table [body.NAME.aerodynamics] of the campaign, in whose conventions the result is; its
+        reference quantities must be those of the file.
 
     Returns
     -------
@@ -94,13 +99,15 @@ def read_datcom(
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     text = read_text(path)
     output, sideslip = _chosen(text, options)
     table, understood = _table(output, sideslip)
     if aero.get("per") == "deg":
-        raise FormatError('states what is per degree: give no per = "deg" beside it')
+        raise FormatError(
+            'states what is per degree: give no per = "deg" in [body.NAME.aerodynamics]'
+        )
     if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
         for key in ("side", "side_p", "side_r"):
             if key in table:
@@ -120,7 +127,7 @@ def read_datcom(
                 table[key] = (ratio**power * np.array(table[key])).tolist()
         if ratio != 1.0:
             understood.append(
-                f"C_l, C_n and the rates p, r times {ratio:.6g}, lateral over long length"
+                f"C_l, C_n and the rates p, r times {ratio:.6g}, lateral over reference length"
             )
     return table, understood
 
@@ -139,14 +146,17 @@ _OTHER = 0.02  # relative difference of reference quantities that are not the sa
 
 @dataclass(frozen=True)
 class _Reference:
-    """Reference quantity, m or m2, and half a unit in the last place that is printed."""
+    """Reference quantity, ``value`` in m or m2, and its ``rounding``: half a unit in the last place
+    that is printed, 0 if the value is exact."""
 
     value: float
     rounding: float = 0.0
 
 
 def _references(text: str, output: _Output) -> dict[str, _Reference]:
-    """Reference quantities that a case prints; exact where an input card has that number."""
+    """Reference quantities ("sref", "lref", "latref") that a case prints, or else that input cards
+    in ``text`` have. Where a card agrees with a printed number within its rounding, the card's
+    number is returned, without rounding."""
     metre = _metres_per_unit(text)
     cards: dict[str, list[float]] = {}
     for match in _CARD.finditer(text):
@@ -171,21 +181,23 @@ def _references(text: str, output: _Output) -> dict[str, _Reference]:
 
 
 def _metres_per_unit(text: str) -> float:
-    """Metres of the unit of length of a text; feet if no card names it."""
+    """Length in metres of the unit that a card DIM in the text names; that of a foot without such a
+    card."""
     dim = _DIM.search(text)
     return _METRES[dim[1].upper() if dim else "FT"]
 
 
 def _moment_point(text: str, output: _Output, aero: dict[str, Any]) -> list[str]:
-    """Sentence on the moment centre that a case prints, if it is not the moment point of the
-    aerodynamics: only who knows where both count from can say whether they are one point."""
+    """Return a sentence if the moment centre that a case prints and ``moment_point`` of the
+    aerodynamics differ, or there is no ``moment_point``; else none. Their stations may begin at
+    different points, so this is no error."""
     printed = output.references.get("MOMENT CENTER")
     if printed is None:
         return []
     key = next((key for key in aero if split_unit(key)[0] == "moment_point"), None)
     if key is None:
         return [
-            f"its moments are about MOMENT CENTER {printed} and taken about the centre of mass: "
+            f"its moments are about MOMENT CENTER {printed}, but taken about the centre of mass: "
             "give moment_point_m, that point in your stations"
         ]
     digits, _, unit = printed.partition(" ")
@@ -200,13 +212,14 @@ def _moment_point(text: str, output: _Output, aero: dict[str, Any]) -> list[str]
     if abs(centre - own * factor) <= _OTHER_POINT:
         return []
     return [
-        f"its moments are about MOMENT CENTER {printed} and taken about {key} = {aero[key]}: one "
-        "point only if its stations begin elsewhere"
+        f"its moments are about MOMENT CENTER {printed}, but taken about {key} = {aero[key]}: "
+        "these are one point only if stations of the file begin elsewhere"
     ]
 
 
 def _ratio(lateral: _Reference, long: _Reference) -> float:
-    """Ratio of two lengths. Raises FormatError if they are printed with too few digits."""
+    """Ratio of the lateral to the longitudinal reference length. Raises FormatError if they are
+    printed with too few digits."""
     if lateral == long:
         return 1.0
     if lateral.rounding / lateral.value + long.rounding / long.value > _OTHER / 4:
@@ -218,7 +231,8 @@ def _ratio(lateral: _Reference, long: _Reference) -> float:
 
 
 def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
-    """Refuse a deck whose reference quantities are not those of the aerodynamics."""
+    """Raise FormatError if the reference area or length of a file is not that of the aerodynamics
+    of the campaign (``aero``) within 2 %."""
     for name, stem, kind in (
         ("sref", "reference_area", "area"),
         ("lref", "reference_length", "length"),
@@ -233,41 +247,44 @@ def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
             first = next(iter(UNITS[kind]))
             raise FormatError(
                 f"has the {stem.replace('_', ' ')} {own:.6g} {first}, but {key} is "
-                f"{value:g}: its coefficients belong to its own"
+                f"{value:g}: give that of the file, by which its coefficients are divided"
             )
 
 
 def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read an aerodynamic table from the text of an output.
+    """Read an aerodynamic table from the text of an output of DATCOM, without converting signs and
+    lengths.
 
     Parameters
     ----------
     text : str
     options : dict
-        ``case``, the number of one of several, from 1; ``sideslip_deg``, to which slopes by beta
-        are continued (30).
+        ``case``: number, from 1, of the case to read, needed if there are several.
+        ``sideslip_deg``: sideslip up to which slopes by beta are extended as lines (default 30).
 
     Returns
     -------
     table : dict
-        Keys of ``[body.NAME.aerodynamics.table]``; signs and lengths as in the file.
+        Keys of ``[body.NAME.aerodynamics.table]``; signs and reference lengths as in the file,
+        slopes per rad.
     understood : list of str
         Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     output, sideslip = _chosen(text, options)
     return _table(output, sideslip)
 
 
 def _chosen(text: str, options: dict[str, Any]) -> tuple[_Output, float]:
-    """Output of the chosen case, and the sideslip to which slopes are continued, deg."""
+    """Output of the case that ``options`` choose, and the sideslip, deg, up to which slopes by beta
+    are extended. Raises FormatError if an option is missing or not valid."""
     cases = _cases(text)
     if not cases:
-        raise FormatError("has no table of coefficients over ALPHA that DATCOM prints")
+        raise FormatError("has no table of coefficients over ALPHA, as DATCOM prints them")
     wanted = options.get("case")
     if wanted is None and len(cases) > 1:
         raise FormatError(
@@ -283,7 +300,8 @@ def _chosen(text: str, options: dict[str, Any]) -> tuple[_Output, float]:
 
 
 def _cases(text: str) -> dict[int, _Output]:
-    """Outputs of the cases of a text that have coefficients, by number of the case."""
+    """Parse a text to the outputs of its cases by number; cases without coefficients are left
+    out."""
     cases: dict[int, _Output] = {}
     case, mach, beta, per_degree = 1, math.nan, 0.0, False
     titles: list[tuple[str, float]] = []
@@ -342,8 +360,9 @@ def _add_row(
     cells: list[tuple[str, float]],
     per_degree: bool,
 ) -> None:
-    """Put the values of a line into the block of its Mach number and sideslip, under the titles
-    that they stand below; blank ones are left out. Titles and cells have their middle column."""
+    """Add the values of a printed line to the block of its Mach number and sideslip, which is
+    created if needed; ``titles`` and ``cells`` are pairs (text, middle column). A value belongs to
+    the title nearest above it; blank ones are left out."""
     block = next((b for b in output.blocks if b.mach == mach and b.beta == beta), None)
     if block is None:
         block = _Block(mach, beta)
@@ -362,8 +381,8 @@ def _add_row(
 
 
 def _digital_references(output: _Output, line: str, unit: str) -> None:
-    """Reference quantities of a line of flight conditions: area, lengths, moment centre, in a unit
-    of length and its square."""
+    """Add the area, the lengths and the moment centre, which Digital DATCOM prints at the end of a
+    line of flight conditions, to the references of ``output``; ``unit`` is that of lengths."""
     numbers = line.split()[1:] if line.startswith("0 ") else line[1:].split()
     if len(numbers) >= 6:
         names = ("REF AREA", "REF LENGTH", "LAT REF LENGTH", "MOMENT CENTER")
@@ -373,8 +392,9 @@ def _digital_references(output: _Output, line: str, unit: str) -> None:
 
 
 def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
-    """Table over Mach number, alpha and, if there are slopes or values by it, beta (see
-    `parse_datcom`), and sentences; slopes by beta are lines to +-``sideslip``, deg."""
+    """Convert the output of a case to an aerodynamic table and sentences, as `parse_datcom` returns
+    them. The axes are Mach number, alpha and, if values or slopes over it are there, beta; slopes
+    by beta become lines up to +-``sideslip``, deg. Raises FormatError if CN or CA is missing."""
     understood = [f"{name} {value}" for name, value in output.references.items()]
     blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]
     if not blocks:
@@ -382,7 +402,7 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
     machs, betas = sorted({b.mach for b in blocks}), sorted({b.beta for b in blocks})
     by_point = {(b.mach, b.beta): b for b in blocks}
     if len(by_point) < len(machs) * len(betas):
-        raise FormatError("has not every sideslip at every Mach number")
+        raise FormatError("must have every sideslip at every Mach number")
     alphas, dropped = _common_alphas(blocks)
     if dropped:
         listed = ", ".join(f"{a:g}" for a in dropped)
@@ -431,7 +451,8 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
 
 
 def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
-    """Angles of attack, deg, that have CN and CA in all blocks, and the others."""
+    """Angles of attack, deg, rising, for which all blocks have CN and CA, and those for which some
+    do not."""
     all_alphas = sorted({a for b in blocks for column in b.values.values() for a in column})
     complete = [
         a for a in all_alphas if all(a in b.values["CN"] and a in b.values["CA"] for b in blocks)
@@ -440,8 +461,8 @@ def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
 
 
 def _row(block: _Block, title: str, alphas: list[float]) -> np.ndarray | None:
-    """Values of a title over alpha, slopes per rad; a derivative that is printed once is that of
-    all alpha. None if some values are blank."""
+    """Values (n,) of a block's title at the angles ``alphas``, slopes converted to per rad; a
+    derivative that is printed for one alpha only is used for all. None if values are missing."""
     column = block.values[title]
     factor = 180.0 / math.pi if title in block.per_degree else 1.0
     given = [column[a] for a in alphas if a in column]

@@ -1,7 +1,8 @@
-"""Aerodynamic tables of DAVE-ML (AIAA S-119): gridded tables over Mach number and angles.
+"""Reading of aerodynamic tables in DAVE-ML (AIAA S-119).
 
-A model of DAVE-ML computes outputs by tables and formulas. Read are the functions that are a table
-over Mach number, alpha and beta only; what follows from a formula, or from deflections, is not.
+A DAVE-ML model computes outputs by functions, which are tables, and by formulas. Only functions of
+Mach number, alpha and beta alone are read; outputs of formulas, and functions of other variables
+such as deflections, are not.
 """
 
 import math
@@ -35,8 +36,9 @@ _UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
 
 @dataclass
 class _Function:
-    """A gridded table: varIDs of its ``result`` and of the ``variables`` it depends on, ``points``
-    of each of these, and ``values`` in that shape, in the units of the file."""
+    """Function of a DAVE-ML file as a gridded table: varIDs of its ``result`` and of its argument
+    ``variables``, grid ``points`` of each argument, and ``values`` on that grid, in the units of
+    the file."""
 
     element: Element
     result: str
@@ -46,13 +48,13 @@ class _Function:
 
 
 def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read an aerodynamic table of a campaign from DAVE-ML.
+    """Read an aerodynamic table of a campaign from a DAVE-ML file.
 
     Parameters
     ----------
     path : Path
     options : dict
-        ``columns``: names or varIDs of variables, by coefficient or axis.
+        ``columns``: name or varID of a variable, or ``{ column, scale }``, by coefficient or axis.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], li
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     root = parse_xml(read_text(path))
     if root.tag != "DAVEfunc":
@@ -122,9 +124,10 @@ def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], li
 
 
 def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, float]]:
-    """(varID, scale) of the variable that the campaign names for each coefficient or axis."""
+    """Convert the option ``columns`` to the pair (varID, scale) of the variable that it names for
+    each coefficient or axis. Raises FormatError if it is not valid or there is no such variable."""
     if columns is not None and not isinstance(columns, dict):
-        raise FormatError("columns: must be variables by coefficient or axis")
+        raise FormatError("columns: must be a table of variables by coefficient or axis")
     by_name = {element.attributes.get("name", ""): name for name, element in variables.items()}
     named = {}
     for key, value in (columns or {}).items():
@@ -135,7 +138,9 @@ def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, 
             or isinstance(scale, bool)
             or not isinstance(scale, int | float)
         ):
-            raise FormatError(f"columns.{key}: must be a variable, or {{ column, scale }}")
+            raise FormatError(
+                f"columns.{key}: must be a variable, or {{ column = NAME, scale = 1.0 }}"
+            )
         if name not in variables and name not in by_name:
             hint = nearest(name, [*variables, *by_name])
             raise FormatError(f"columns.{key}: no variable {shorten(name)}; {hint}")
@@ -144,7 +149,8 @@ def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, 
 
 
 def _function(element: Element, root: Element, variables: dict[str, Element]) -> _Function:
-    """The table of a function, by points beside its values or by breakpoints."""
+    """Convert an element ``function`` to a table, whose grid points are in the element itself or in
+    breakpoint definitions of ``root``. Raises FormatError if it is not complete."""
     result = next(
         (each.attributes.get("varID", "").strip() for each in element.children
          if each.tag in ("dependentVarRef", "dependentVarPts")), ""
@@ -175,7 +181,8 @@ def _function(element: Element, root: Element, variables: dict[str, Element]) ->
     if len(points) != len(names) or not points or math.prod(shape) > _CELLS:
         raise FormatError(
             f"line {element.line}: {result} has {len(points)} sets of breakpoints for "
-            f"{len(names)} variables, {' x '.join(map(str, shape))} values"
+            f"{len(names)} variables, {' x '.join(map(str, shape))} values: must have one set for "
+            "each variable, and at most 100,000 values"
         )
     for name, axis in zip(names, points, strict=True):
         if (np.diff(axis) <= 0.0).any():
@@ -185,14 +192,16 @@ def _function(element: Element, root: Element, variables: dict[str, Element]) ->
 
 
 def _grid(element: Element, root: Element) -> Element:
-    """The gridded table of a function: its own, or the one of ``root`` that it refers to. Raises
-    FormatError if there is none."""
+    """Element of the gridded table of a function: the one in ``element``, or the one in ``root`` to
+    which it refers. Raises FormatError if there is none."""
     own = next(element.all("griddedTableDef"), None) or next(element.all("griddedTable"), None)
     if own is not None:
         return own
     reference = next(element.all("griddedTableRef"), None)
     if reference is None:
-        raise FormatError(f"line {element.line}: has no gridded table; others are not read")
+        raise FormatError(
+            f"line {element.line}: has no gridded table; tables of other kinds are not read"
+        )
     name = reference.attributes.get("gtID", "").strip()
     tables = {each.attributes.get("gtID", "").strip(): each for each in root.all("griddedTableDef")}
     if name not in tables:
@@ -211,15 +220,29 @@ def _points(reference: Element, breakpoints: dict[str, Element]) -> np.ndarray:
 def _long_table(
     functions: list[_Function], variables: dict[str, Element], axes: dict[str, str]
 ) -> tuple[TextTable, dict[str, str]]:
-    """Long table of all functions on the grid of all their points, and its column titles by varID;
-    ``axes`` has mach, alpha or beta by varID.
+    """Evaluate all functions on one grid, which has all their points.
 
-    Linear tables are the same on a finer grid.
+    Linear interpolation on this finer grid gives the same values.
+
+    Parameters
+    ----------
+    functions : list of _Function
+    variables : dict of str to Element
+        Definitions of variables by varID.
+    axes : dict of str to str
+        "mach", "alpha" or "beta" by varID.
+
+    Returns
+    -------
+    table : TextTable
+        A row for each point of the grid, a column for each axis and function.
+    titles : dict of str to str
+        Title of the column of each variable, by varID.
     """
     used = [name for name in axes if any(name in each.variables for each in functions)]
     for first, second in combinations(used, 2):
         if axes[first] == axes[second]:
-            raise FormatError(f"{first} and {second} are both {axes[first]}")
+            raise FormatError(f"{first} and {second} are both {axes[first]}: choose one by columns")
     points = {
         name: np.unique(np.concatenate([
             each.points[each.variables.index(name)] for each in functions if name in each.variables
@@ -227,7 +250,7 @@ def _long_table(
         for name in used
     }  # fmt: skip
     if math.prod(map(len, points.values())) > _CELLS:
-        raise FormatError("has tables whose points together are too many")
+        raise FormatError("has tables whose points, joined to one grid, are more than 100,000")
     mesh = dict(zip(used, np.meshgrid(*points.values(), indexing="ij"), strict=True))
     columns, titles = {}, {}
     for name in used:

@@ -1,4 +1,5 @@
-"""Aerodynamic decks as long tables, a row for each combination of Mach number and angles."""
+"""Aerodynamic decks in long tables, which have a row for each combination of Mach number, alpha and
+beta, and a column for each coefficient."""
 
 import itertools
 import math
@@ -38,13 +39,14 @@ _CELLS = 100_000
 
 
 def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read an aerodynamic table of a campaign from a long table.
+    """Read an aerodynamic table of a campaign from a long table in a text or Parquet file.
 
     Parameters
     ----------
     path : Path
     options : dict
-        ``columns`` by coefficient or axis.
+        ``columns``: titles of columns by coefficient or axis, or the list of all titles of a file
+        without a header.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     named = options.get("columns")
     names = [str(x) for x in named] if isinstance(named, list) else None
@@ -64,7 +66,8 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
 
 
 def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Aerodynamic table of the columns of a long table; see `read_deck`."""
+    """Convert a long table to an aerodynamic table and sentences on it, as `read_deck` returns
+    them; ``named`` has titles of columns by coefficient or axis."""
     columns = Columns(table, named)
     axes = {}
     for name, quantity in AXES.items():
@@ -100,8 +103,9 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
 
 
 def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns (n,) of coefficients and derivatives by key, ``lift`` and ``drag`` included; titles
-    of none of them are noted in ``columns.understood``."""
+    """Columns (n,) of the coefficients and derivatives in a long table, by name; ``lift`` and
+    ``drag`` count too. A sentence on the columns that are none of these is added to
+    ``columns.understood``. Raises FormatError if the meaning of a title is not unique."""
     values: dict[str, np.ndarray] = {}
     used = {title for title, _, _ in columns.named.values()}
     for name, (title, scale, _) in columns.named.items():
@@ -120,14 +124,16 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
         bare = split_header(title, "")[0].strip()
         if bare not in _EXACT and plain(bare) in _TWO_MEANINGS:
             meanings = _TWO_MEANINGS[plain(bare)]
-            raise FormatError(f"column {title}: write {meanings}, or name it by columns")
+            raise FormatError(
+                f"column {title} has two meanings: write {meanings}, or name it by columns"
+            )
         name = _EXACT.get(bare, _SMALL.get(plain(bare), ""))
         if bare in (*COEFFICIENTS, *DERIVATIVES):
             name = bare
         if not name:
             left.append(title)
         elif name in values:
-            raise FormatError(f"has two columns of {name}, {title} one of them")
+            raise FormatError(f"has two columns of {name}; one of them is {title}")
         else:
             values[name] = numbers
     _refuse_conditions(left, values)
@@ -137,8 +143,9 @@ def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np
 
 
 def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:
-    """Refuse columns of a coefficient at several conditions, "CA Power-Off" and "CA Power-On" of
-    RASAero, unless one of them is chosen."""
+    """Raise FormatError if a coefficient is only in columns for several conditions, such as "CA
+    Power-Off" and "CA Power-On" of RASAero: one of them must be chosen. ``left`` are the titles
+    that were not understood."""
     for meaning, short in (("axial", "CA"), ("normal", "CN")):
         titles = [each for each in left if re.match(rf"{short}[ _]power", each, re.IGNORECASE)]
         if titles and meaning not in values:
@@ -151,13 +158,14 @@ def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:
 def _from_lift(
     values: dict[str, np.ndarray], axes: dict[str, np.ndarray], understood: list[str]
 ) -> None:
-    """Replace lift and drag in ``values`` by normal and axial force, in place; a sentence is added
-    to ``understood``."""
+    """Replace ``lift`` and ``drag`` in ``values``, if they are there, by normal and axial force, in
+    place, and add a sentence to ``understood``. Raises FormatError if only one of them is there, or
+    there is no alpha or a sideslip."""
     lift, drag = values.pop("lift", None), values.pop("drag", None)
     if lift is None and drag is None:
         return
     if "normal" in values and "axial" in values:
-        understood.append("CL and CD not read: CN and CA are there")
+        understood.append("CL and CD not read: the file has CN and CA")
         return
     if lift is None or drag is None or "alpha" not in axes:
         of_roll = "; Cl is the roll moment here: lift is CL" if "roll" in values else ""
@@ -165,7 +173,7 @@ def _from_lift(
             f"needs CL and CD together, over alpha, to make CN and CA of them{of_roll}"
         )
     if "beta" in axes and axes["beta"].any():
-        raise FormatError("CL and CD at a sideslip are of other axes; give CN and CA")
+        raise FormatError("CL and CD at a sideslip are in other axes; give CN and CA")
     sine, cosine = np.sin(axes["alpha"]), np.cos(axes["alpha"])
     values["normal"] = lift * cosine + drag * sine
     values["axial"] = drag * cosine - lift * sine
@@ -175,14 +183,16 @@ def _from_lift(
 def _grid(
     axes: dict[str, np.ndarray], table: TextTable
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Rising points of each axis of a table, and the index of the row of each combination of them,
-    the last axis fastest. Raises FormatError if a combination is missing or there twice."""
+    """Arrange the rows of a long table as a grid. ``axes`` are the columns (rows,) of the axes.
+    Returns the distinct points of each axis, rising, and the index of the row of each combination
+    of points, the last axis fastest. Raises FormatError if a combination is missing or given
+    twice."""
     points = {name: np.unique(values) for name, values in axes.items()}
     shape = tuple(len(each) for each in points.values())
     if math.prod(shape) > _CELLS:
         raise FormatError(
-            f"has {' x '.join(map(str, shape))} combinations of {', '.join(points)}: is each "
-            "column what it is called?"
+            f"has {' x '.join(map(str, shape))} combinations of {', '.join(points)}, more than "
+            "100,000: does each column have what its title says?"
         )
     index = np.ravel_multi_index(
         [np.searchsorted(points[name], axes[name]) for name in points], shape

@@ -1,4 +1,5 @@
-"""Files that a campaign names: read to tables of its tree, so that the tree is complete."""
+"""Reading of the files that a campaign names: their contents are put, as keys, into the TOML tree
+of the campaign, which then needs no other file."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -32,21 +33,23 @@ Read = Callable[[Path, dict[str, Any]], tuple[dict[str, Any], list[str]]]
 
 
 def file_places(tree: dict[str, Any]) -> Tables:
-    """Yield the tables of a campaign tree that name a file.
+    """Yield the tables of a campaign that name a file.
 
     Parameters
     ----------
     tree : dict
+        TOML tree of the campaign.
 
     Yields
     ------
     key_path : str
         TOML path of the table.
     table : dict
-        With the key ``file``.
+        The table itself, which has the key ``file``.
     kind : {"thrust", "deck", "wind", "air", "initial", "mass"}
+        What the file contains.
     owner : dict
-        Table that the table belongs to.
+        Table that contains ``table``: that of the motor, the aerodynamics, the body, ...
     """
     motors = tree.get("motor")
     for number, motor in enumerate(motors if isinstance(motors, list) else ()):
@@ -78,12 +81,13 @@ def _named(key_path: str, table: Any, kind: str, owner: dict[str, Any]) -> Table
 
 
 def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
-    """Replace the files that a campaign names by their tables, in place.
+    """Replace, in place, each key ``file`` of a campaign and its options by keys with the contents
+    of that file.
 
     Parameters
     ----------
     tree : dict
-        Of a campaign file.
+        TOML tree of the campaign.
     folder : Path
         Folder that relative paths start from.
     problems : Problems
@@ -143,8 +147,8 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
 
 
 def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Options in which the path of the attitude file, if there is one, begins at the folder of the
-    campaign."""
+    """Options of a trajectory in which the path of the attitude file, if there is one, is preceded
+    by the folder of the campaign."""
     attitude = options.get("attitude")
     if isinstance(attitude, dict) and isinstance(attitude.get("file"), str):
         return options | {"attitude": attitude | {"file": str(folder / attitude["file"])}}
@@ -154,8 +158,8 @@ def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _move(
     key_path: str, kind: str, owner: dict[str, Any], keys: dict[str, Any], problems: Problems
 ) -> None:
-    """Put the keys read from a file into ``owner``, in place of the table at ``key_path`` within
-    it, which names the file."""
+    """Remove from ``owner`` the table at ``key_path``, which named the file, and put the keys read
+    from the file into ``owner`` instead. Adds problems for other keys of that table."""
     parent, _, name = key_path.rpartition(".")
     for key in owner.pop(name):
         allowed = ", ".join(("file", *_OPTIONS_OF[kind]))
@@ -166,8 +170,8 @@ def _move(
 def _fill(
     key_path: str, table: dict[str, Any], table_read: dict[str, Any], problems: Problems
 ) -> None:
-    """Put the keys read from a file (``table_read``) into its table; keys that both give are
-    noted."""
+    """Put the keys read from a file (``table_read``) into ``table``, the one at ``key_path``. Adds
+    a problem for each quantity that both give."""
     own = {split_unit(key)[0] for key in table}
     for key, value in table_read.items():
         if split_unit(key)[0] in own:
@@ -183,7 +187,9 @@ def _thrust(
     options: dict[str, Any],
     problems: Problems,
 ) -> list[str]:
-    """Fill the profile of a motor from a file, and its thrust if it has none; return sentences."""
+    """Put the thrust curve in a file into ``profile``, the table at ``key_path``. Forces become
+    fractions of the thrust in ``motor``, which gets the peak as ``thrust_N`` if it has none. Adds
+    problems; returns sentences on what was read. Raises FormatError if the file is rejected."""
     curve = read_thrust(path, options)
     understood = curve.understood
     if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):
@@ -198,7 +204,7 @@ def _thrust(
             problems.add(f"{key_path}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
             return understood
         if curve.is_fraction or not curve.impulse > 0.0:
-            reason = "scales a curve of forces: the file must have one, with a positive impulse"
+            reason = "scales a curve of forces: the file must have forces, with a positive impulse"
             problems.add(f"{key_path}.{wanted}", reason)
             return understood
         factor = value * size / curve.impulse
@@ -216,7 +222,7 @@ def _thrust(
         full = max(map(abs, curve.thrust)) * factor
         if thrust_key is None:
             motor["thrust_N"] = full
-            understood.append(f"thrust_N = {full:.6g}, its peak")
+            understood.append(f"thrust_N = {full:.6g}, the peak of the curve")
         else:
             given, unit = motor[thrust_key], split_unit(thrust_key)[1]
             if isinstance(given, int | float) and given and unit in UNITS["force"]:
@@ -225,7 +231,7 @@ def _thrust(
                     f"fractions of {thrust_key} = {given:g}: the curve keeps its newtons"
                 )
         if not full:
-            raise FormatError("has no thrust at all")
+            raise FormatError("has no thrust at all: every force is 0")
         fractions = [f * factor / full for f in curve.thrust]
     profile["time_s"], profile["fraction"] = curve.time, fractions
     return understood

@@ -1,12 +1,13 @@
-"""Mass properties of a body: links of URDF, bodies of MJCF (MuJoCo), vehicles of JSBSim.
+"""Reading of the mass properties of a body from files of URDF (a link), MJCF of MuJoCo (a body) and
+JSBSim (the vehicle).
 
-All three are read as tensors about the centre of mass, in the axes of the file:
+Inertias are read as a tensor about the centre of mass, in the axes of the file, from:
 
-- URDF: entries of the tensor, in axes turned by ``rpy`` of the inertial origin.
-- MJCF: principal moments in axes turned by the orientation of ``inertial``, or the entries of the
+- URDF: entries of the tensor, in axes rotated by ``rpy`` of the inertial origin.
+- MJCF: principal moments in axes rotated by the orientation of ``inertial``, or the entries of the
   tensor (``fullinertia``: 11, 22, 33, 12, 13, 23).
 - JSBSim: structural axes aft, right, up; products are entries of the tensor, or with
-  ``negated_crossproduct_inertia="false"`` the positive integrals, whose signs are turned.
+  ``negated_crossproduct_inertia="false"`` positive integrals, whose signs are changed.
 """
 
 from collections.abc import Callable
@@ -33,18 +34,18 @@ _INERTIA = {"SLUG*FT2": "slug_ft2", "KG*M2": "kg_m2"}
 
 @dataclass
 class MassProperties:
-    """Mass properties in the axes of a file.
+    """Mass properties of one body as a file has them, in the axes of the file.
 
     Attributes
     ----------
     mass : float
         kg.
     center : ndarray, shape (3,)
-        Centre of mass, from the origin of the file, m.
+        Centre of mass relative to the origin of the file, m.
     tensor : ndarray, shape (3, 3)
         Inertia tensor about the centre of mass, kg m2.
     sentence : str
-        What was read, for the user.
+        Sentence on what was read, for the user.
     """
 
     mass: float
@@ -54,28 +55,28 @@ class MassProperties:
 
 
 def read_mass(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read the mass properties of a body.
+    """Read the mass properties of a body from a file.
 
     Parameters
     ----------
     path : Path
         URDF, MJCF or JSBSim, by the root element.
     options : dict
-        ``link``: link or body, needed if there are several. ``axes``: directions of x, y and z of
-        the file, such as "forward-left-up"; those of JSBSim are known. ``origin_m``: where the
-        origin of the file lies, as ``cg_m``; [0, 0, 0] by default.
+        ``link``: name of the link or body, needed if there are several. ``axes``: directions of the
+        axes x, y and z of the file, such as "forward-left-up"; not needed for JSBSim. ``origin_m``:
+        layout point of the origin of the file, as in ``cg_m``; [0, 0, 0] by default.
 
     Returns
     -------
     keys : dict
-        Of ``[body.NAME]``: ``mass_kg``, ``cg_m``, ``inertia_tensor_kg_m2``, ``inertia_axes``.
+        Keys of ``[body.NAME]``: ``mass_kg``, ``cg_m``, ``inertia_tensor_kg_m2``, ``inertia_axes``.
     understood : list of str
         Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     text = read_text(path)
     if not text.lstrip().startswith("<"):
@@ -132,14 +133,17 @@ def _origin(value: Any) -> list[float]:
 
 
 def _choose(elements: list[Element], name: Any, what: str) -> Element:
-    """The element called ``name``, or the only one if that is None; ``what`` is the noun of the
-    message. Raises FormatError."""
+    """Return the element whose attribute ``name`` is ``name``, or the only element if that is None;
+    ``what`` is the noun of messages. Raises FormatError if there is none, or no name to choose
+    by."""
     names = [each.attributes.get("name", "") for each in elements]
     if not elements:
         raise FormatError(f"has no {what} with mass properties")
     if name is None and len(elements) > 1:
         some = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-        raise FormatError(f'has {len(elements)} of {what}; choose by link = "NAME": {some}')
+        raise FormatError(
+            f'has {len(elements)} elements {what}; choose one by link = "NAME": {some}'
+        )
     if name is None:
         return elements[0]
     if name not in names:
@@ -162,7 +166,8 @@ def _attribute(element: Element, name: str, count: int, default: str | None = No
 
 
 def _tensor(moments: list[float], products: list[float]) -> np.ndarray:
-    """Symmetric matrix with the entries 11, 22, 33 and 12, 13, 23."""
+    """Symmetric matrix (3, 3) with the diagonal entries ``moments`` and the entries 12, 13, 23
+    ``products``, without a change of sign."""
     tensor = np.diag(moments)
     for (i, j), value in zip(((0, 1), (0, 2), (1, 2)), products, strict=True):
         tensor[i, j] = tensor[j, i] = value
@@ -206,7 +211,10 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
         compiler |= each.attributes if each.tag == "compiler" else {}
     for key, plain in _WHOLE_MODEL:
         if compiler.get(key, plain[0]) not in plain:
-            raise FormatError(f"has {key} in its compiler: inertia follows from the whole model")
+            raise FormatError(
+                f"has {key} in its compiler: inertia then follows from the whole model, which is "
+                "not read"
+            )
     bodies = [body for body in root.all("body") if body.child("inertial")]
     if name is not None and any(
         body.attributes.get("name") == name and body.child("inertial") is None
@@ -234,14 +242,18 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
 def _orientation(
     inertial: Element, compiler: dict[str, str], include: Element | None
 ) -> np.ndarray:
-    """Matrix (3, 3) from the axes of an inertial to those of its body. Raises FormatError, also
-    for angles if there is an ``include``, whose file may change their convention."""
+    """Rotation matrix (3, 3) that takes components in the axes of the element ``inertial`` to those
+    in the axes of its body. ``compiler`` has attributes that say how angles are meant. Raises
+    FormatError for an orientation that is not valid, and for angles if there is an element
+    ``include``, whose file may change how they are meant."""
     known = [k for k in ("quat", "euler", "axisangle", "xyaxes", "zaxis")
              if k in inertial.attributes]  # fmt: skip
     if not known:
         return np.eye(3)
     if len(known) > 1:
-        raise FormatError(f"line {inertial.line}: inertial has {known[0]} and {known[1]}")
+        raise FormatError(
+            f"line {inertial.line}: inertial has {known[0]} and {known[1]}: must have one"
+        )
     kind = known[0]
     if include is not None and kind in ("euler", "axisangle"):
         raise FormatError(
@@ -268,7 +280,7 @@ def _orientation(
             raise FormatError(f"eulerseq = {shorten(sequence)}: must be such as xyz or XYZ")
         letters = sequence.upper() if is_moving else sequence.lower()  # scipy: capitals move
         if letters[0] == letters[1] or letters[1] == letters[2]:
-            raise FormatError(f"eulerseq = {shorten(sequence)}: turns twice about one axis")
+            raise FormatError(f"eulerseq = {shorten(sequence)}: must not turn twice about one axis")
         return Rotation.from_euler(letters, values, degrees=is_degree).as_matrix()
     if kind == "axisangle":
         angle = np.radians(values[3]) if is_degree else values[3]
@@ -287,7 +299,7 @@ def _orientation(
 
 def _jsbsim(root: Element, name: Any) -> MassProperties:
     if name is not None:
-        raise FormatError("is of JSBSim, with one vehicle: link chooses none")
+        raise FormatError("is a file of JSBSim, which has one vehicle: leave link out")
     balance = _child(root, "mass_balance")
     mass = _measured(_child(balance, "emptywt"), "mass", _MASS)
     moments, products = (
@@ -323,16 +335,18 @@ def _inertia(balance: Element, tag: str, is_required: bool) -> float:
 
 
 def _measured(element: Element, kind: str, units: dict[str, str]) -> float:
-    """Number of an element in SI."""
+    """Number in the text of an element, converted to SI; ``kind`` and ``units`` as for `_unit`."""
     return _unit(element, kind, units) * element.numbers(element.text, element.tag, 1)[0]
 
 
 def _unit(element: Element, kind: str, units: dict[str, str]) -> float:
-    """Factor of the unit of an element, by default the first, to SI."""
+    """Factor to SI of the unit of an element. ``units`` maps its spellings in the file, the first
+    of which is the default, to unit suffixes of the quantity ``kind``. Raises FormatError for
+    others."""
     unit = element.attributes.get("unit", next(iter(units))).upper()
     if unit not in units:
         raise FormatError(
-            f"line {element.line}: {element.tag} is in {shorten(unit)}; must be of "
+            f"line {element.line}: {element.tag} is in {shorten(unit)}; must be in "
             f"{', '.join(units)}"
         )
     return UNITS[kind][units[unit]]

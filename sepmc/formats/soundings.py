@@ -1,4 +1,5 @@
-"""Air and wind over height: tables with named columns, and soundings of fixed width."""
+"""Reading of air and wind over height from tables with named columns, and from soundings of the
+University of Wyoming and of the Storm Prediction Center (SPC)."""
 
 import math
 import re
@@ -42,13 +43,14 @@ _MISSING = -9998.0  # values below are none
 
 
 def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read a table of air over height.
+    """Read a table of air over height from a file.
 
     Parameters
     ----------
     path : Path
     options : dict
-        ``columns`` by quantity.
+        ``columns``: titles of columns by quantity, or the list of all titles of a file without a
+        header.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     columns, understood = _columns(path, options, ("PRES", "HGHT", "TEMP"))
     columns_read = _find(
@@ -87,13 +89,14 @@ def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[
 
 
 def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read a profile of the wind over height.
+    """Read a profile of the wind over height from a file.
 
     Parameters
     ----------
     path : Path
     options : dict
-        ``columns`` by quantity.
+        ``columns``: titles of columns by quantity, or the list of all titles of a file without a
+        header.
 
     Returns
     -------
@@ -105,7 +108,7 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     Raises
     ------
     FormatError
-        With the reason why the file is refused.
+        With the reason why the file is rejected.
     """
     columns, understood = _columns(path, options, ("HGHT", "DRCT", "SKNT"))
     names = ("speed", "from", "direction", "along", "across", "east", "north")
@@ -139,7 +142,8 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
 def _columns(
     path: Path, options: dict[str, Any], needed: tuple[str, ...]
 ) -> tuple[Columns, list[str]]:
-    """Columns of a file, of a sounding those that are needed, and what was understood."""
+    """Read the columns of a file, and sentences on its format. Of a sounding only the columns
+    ``needed`` are read, and only the rows that have all of them. Raises FormatError."""
     named = options.get("columns")
     if path.suffix.lower() != ".parquet":
         text = text_of(path)
@@ -172,7 +176,8 @@ _TITLES = {
 
 
 def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[TextTable, int]:
-    """Table of the rows of a sounding that have the needed values, and how many have not."""
+    """Table of the rows of a sounding (values by column, NaN where missing) that have all values
+    ``needed``, and the number of rows that do not. Raises FormatError for fewer than two rows."""
     if rows and "SPED" in rows[0]:
         needed = tuple("SPED" if name == "SKNT" else name for name in needed)
     whole = [row for row in rows if all(math.isfinite(row[name]) for name in needed)]
@@ -183,8 +188,8 @@ def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[Te
 
 
 def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
-    """Rows of a sounding as the University of Wyoming gives it, from its titles on: columns of
-    seven characters, blank where nothing was measured."""
+    """Rows (values by column, NaN where blank) of a sounding in the format of the University of
+    Wyoming: columns of seven characters, below the line of titles, where ``text[begin]`` is."""
     lines = text[begin:].splitlines()
     names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT",
              "SKNT" if "SKNT" in lines[0] else "SPED")  # fmt: skip
@@ -202,8 +207,9 @@ def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
 
 
 def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
-    """Rows of a sounding as the Storm Prediction Center and SHARPpy have it, between %RAW% and
-    %END%; -9999 where nothing was measured."""
+    """Rows (values by column, NaN where -9999) of a sounding in the format of the Storm Prediction
+    Center and SHARPpy, between %RAW% and %END% after ``text[begin]``. Raises FormatError for a line
+    that is no row."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
     rows = list[dict[str, float]]()
     head, _, body = text[begin:].partition("%RAW%")
@@ -221,7 +227,8 @@ def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
 
 
 def _value(cell: str) -> float:
-    """Number of a cell; NaN if there is none."""
+    """Convert the text of a cell to a number; NaN if it is no finite number, or marks a missing
+    value (-9998 or less)."""
     try:
         value = number(cell)
     except ValueError:
@@ -247,8 +254,9 @@ def _heights(columns_read: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def _sorted(tree: dict[str, Any], understood: list[str]) -> tuple[dict[str, Any], list[str]]:
-    """Table with its rows by rising height, and the sentences with one on the rows. Raises
-    FormatError for a height that is there twice."""
+    """Sort the rows of a table by rising height, the first key of ``tree``. Returns the sorted
+    copy, and ``understood``, to which sentences on the rows were added. Raises FormatError if a
+    height occurs twice."""
     key = next(iter(tree))
     heights = np.array(tree[key])
     order = np.argsort(heights, kind="stable")

@@ -1,4 +1,5 @@
-"""Channels of telemetry: tables in text and Parquet, MATLAB, HDF5, MDF (ASAM), TDMS (LabVIEW)."""
+"""Reading of telemetry channels (values over time) from tables in text and Parquet, and from files
+of MATLAB, HDF5, MDF (ASAM) and TDMS (LabVIEW)."""
 
 import logging
 import math
@@ -44,15 +45,17 @@ _MOST_VECTORS = 20_000  # of a file in HDF5
 
 @dataclass(frozen=True)
 class MappedChannel:
-    """A column of histories, and the channel that it is compared with.
+    """Pair of a column of the simulated time histories and the telemetry channel that measures it.
 
     Attributes
     ----------
     column, channel : str
+        Names of the two.
     factor : float
-        Of the channel.
+        Factor on the values of the channel.
     unit : str
-        Of the channel; if empty that of the file, or else that of the column.
+        Unit of the channel. If empty it is the one in the file, or, if there is none, that of the
+        column.
     """
 
     column: str
@@ -63,7 +66,8 @@ class MappedChannel:
 
 @dataclass(frozen=True)
 class _Raw:
-    """A channel of a file: time, s or in the unit of its title, values, unit, and lines of text."""
+    """Channel as it is in a file: times (n,), s, values (n,) in ``unit`` (empty: in that of the
+    title, if it has one), and the line number of each sample in a text file."""
 
     time: np.ndarray
     values: np.ndarray
@@ -72,24 +76,26 @@ class _Raw:
 
 
 def parse_map(text: str, columns: Sequence[str], option: str = "map") -> MappedChannel:
-    """Read a mapping, ``COLUMN=[-][FACTOR*]CHANNEL[UNIT]``.
+    """Parse the text ``COLUMN=[-][FACTOR*]CHANNEL[UNIT]``, which maps a channel to a column.
 
     Parameters
     ----------
     text : str
         Such as ``upper_omega_y_deg_s=-gyro_z[rad/s]``.
     columns : sequence of str
-        Columns of histories that may be mapped.
+        Names of the columns of time histories.
     option : str
         Name of the option or key, for messages.
 
     Returns
     -------
     MappedChannel
+        Its ``channel`` includes the unit in brackets; `read_telemetry` separates it.
 
     Raises
     ------
     InputError
+        If the text has another form, or there is no such column.
     """
     column, equal, right = (part.strip() for part in text.partition("="))
     match = _MAP.fullmatch(right)
@@ -110,7 +116,7 @@ _EXAMPLE = "upper_omega_y_deg_s=-gyro_z[rad/s]"
 def read_telemetry(
     path: Path, mapped: Sequence[MappedChannel], columns: Sequence[str], time: str | None = None
 ) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], list[str]]:
-    """Read channels of a file of telemetry.
+    """Read the channels of a telemetry file that measure columns of time histories.
 
     Parameters
     ----------
@@ -118,22 +124,24 @@ def read_telemetry(
         ``.mat``, ``.h5``, ``.hdf5``, ``.mf4``, ``.mdf``, ``.tdms``, ``.parquet``; any other ending
         is a text table.
     mapped : sequence of MappedChannel
-        If empty, the channels that have the name of a column.
+        Channels to read; if empty, those that have the name of a column.
     columns : sequence of str
-        Columns of histories.
+        Names of the columns of time histories.
     time : str, optional
-        Channel of the time; default one that is called so.
+        Name of the channel of the time; by default the one called "time", "t" or the like.
 
     Returns
     -------
-    dict of str to (ndarray, ndarray)
-        By column: times, s, and values in the unit of the column, without gaps.
-    list of str
-        What was understood.
+    channels : dict of str to (ndarray (n,), ndarray (n,))
+        By column: times, s, not falling, and values in the unit of the column; samples that are not
+        finite are left out.
+    understood : list of str
+        Sentences on what was read, for the user.
 
     Raises
     ------
     FormatError
+        If the file cannot be read, or a channel or its time is missing, not unique or not valid.
     """
     channels, remarks = _channels(path, time)
     if not mapped:
@@ -152,14 +160,17 @@ def read_telemetry(
     understood = [f"the library that reads the file warns: {remark}" for remark in remarks]
     for each in mapped:
         if each.column in result:
-            raise FormatError(f"two channels for the column {each.column}; choose one by a map")
+            raise FormatError(f"has two channels for the column {each.column}; choose one by a map")
         own = _resolve(each, channels)
         raw = channels[own.channel]
         values, unit, is_assumed = _in_unit_of_column(own, raw)
         kept = np.isfinite(values) & np.isfinite(raw.time)
         times, values = raw.time[kept], values[kept]
         if len(times) < 2:
-            raise FormatError(f"channel {own.channel}: has {len(times)} samples that are numbers")
+            raise FormatError(
+                f"channel {own.channel}: has {len(times)} samples that are numbers: must have 2 or "
+                "more"
+            )
         falling = np.flatnonzero(np.diff(times) < 0.0)
         if len(falling):
             k = int(falling[0])
@@ -193,8 +204,9 @@ def _kind(column: str) -> str:
 
 
 def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
-    """The mapping with the title in the file for the name of its channel, and with the unit that
-    follows the name in brackets. Raises FormatError if no title or several have the name."""
+    """Copy of a mapping whose ``channel`` is the full title in the file, and whose ``unit`` is the
+    one that followed the name in brackets, if any. Raises FormatError if no channel or several have
+    the name."""
     name, unit = mapped.channel, ""
     titles = _titles(name, channels)
     if not titles and (match := _UNIT.fullmatch(name)):
@@ -208,8 +220,8 @@ def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChann
 
 
 def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
-    """Titles of the channels of a name: that title, or those that end in it after a dot, or are
-    it with a unit."""
+    """Titles of the channels that a name means: the title equal to it, else those that end in it
+    after a dot, else those that are the name and a unit in brackets."""
     if name in channels:
         return [name]
     ends = [title for title in channels if title.rpartition(".")[2] == name]
@@ -217,8 +229,9 @@ def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
 
 
 def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, str, bool]:
-    """Values of a channel in the unit of its column, the unit they had, and whether it is that of
-    the column for want of another."""
+    """Convert the values of a channel, times its factor, to the unit of its column. Returns the
+    values (n,), the unit that they had in the file, and True if that is not known and was taken to
+    be the column's."""
     values, own = mapped.factor * raw.values, split_unit(mapped.column)[1]
     if not own:
         return values, "", False
@@ -234,7 +247,7 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
         in_si = values_in_si(values, mapped.channel, unit, kind)
     except FormatError:
         raise FormatError(
-            f"channel {mapped.channel}: {unit!r} is no unit of {kind}, of "
+            f"channel {mapped.channel}: {unit!r} is no unit of {kind}, which are "
             f"{', '.join(UNITS[kind])}; name one in the map, such as "
             f"{mapped.column}={mapped.channel}[{own}], with a factor where it needs one"
         ) from None
@@ -242,7 +255,9 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
 
 
 def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
-    """Channels of a file by title, and warnings of the library that reads it."""
+    """Read all channels of a file, by title, and the warnings of the library that reads it.
+    ``time`` is the name of the channel of the time. Raises FormatError if the file is damaged,
+    InputError if the library is not installed."""
     kind = path.suffix.lower()
     if kind not in (".mat", *_PACKAGES):
         table = read_table(path, most=FILE_BYTES, gaps=True)
@@ -274,7 +289,8 @@ def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]
 
 
 def _prepare(package: str) -> None:
-    """Import a library, and limit the memory of this process: sizes in a damaged file are any."""
+    """Import a library and limit the memory of this process, since a damaged file may ask for any
+    size. Runs in the process that reads the file."""
     import_module(package)
     with suppress(ImportError, OSError, ValueError):  # not on all systems
         resource = import_module("resource")
@@ -285,7 +301,8 @@ def _prepare(package: str) -> None:
 
 @contextmanager
 def _collected_warnings() -> Iterator[list[str]]:
-    """Context that collects warnings and log messages of libraries, instead of printing them."""
+    """Context in which warnings and log messages of libraries are collected in a list, which it
+    yields, instead of being printed. The warnings are in it only after the context ends."""
     texts: list[str] = []
 
     def collect(_: logging.Logger, record: logging.LogRecord) -> None:
@@ -304,7 +321,9 @@ def _collected_warnings() -> Iterator[list[str]]:
 
 
 def _by_library(path: Path, kind: str, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
-    """Channels of a file that a library reads, and its warnings; ``kind`` is an ending."""
+    """Read all channels of a file by a library, by title, and the library's warnings; ``kind`` is
+    the ending of the file's format, such as ".mat". Raises FormatError for any error of the
+    library."""
     readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
     readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
     readers |= dict.fromkeys((".h5", ".hdf5"), _of_hdf5)
@@ -326,7 +345,8 @@ def _of_table(
     stem: str = "",
     lines: tuple[int, ...] = (),
 ) -> dict[str, _Raw]:
-    """Channels of columns of one length, of which one is the time."""
+    """Channels from columns of equal length, one of which is the time, by title with ``stem`` in
+    front. ``lines`` are the line numbers of the rows. Raises FormatError without a valid time."""
     title = _time_title(columns, time)
     unit = split_header(title, "time")[1]
     factor = UNITS["time"].get(unit or "s")
@@ -334,12 +354,15 @@ def _of_table(
         raise FormatError(f"column {title}: {unit!r} is no unit of time")
     seconds = columns[title] * factor
     if not np.isfinite(seconds).any():
-        raise FormatError(f"column {title}: has no number; times are numbers, in s unless said")
+        raise FormatError(
+            f"column {title}: has no number; times must be numbers, in s unless it has a unit"
+        )
     return {stem + k: _Raw(seconds, v, "", lines) for k, v in columns.items() if k != title}
 
 
 def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
-    """Title of the column of time. Raises FormatError if there is none or several."""
+    """Title of the column of the time: the one called ``time`` or, if that is None, "time", "t" or
+    the like. Raises FormatError if there are none or several."""
     if time is not None and time in columns:
         return time
     wanted = _TIMES if time is None else (plain(time),)
@@ -351,7 +374,8 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
 
 
 def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Vectors of a MATLAB file up to version 7.2, and of its structs."""
+    """Read the channels of a MATLAB file of a version up to 7.2: its vectors and those in its
+    structs (`_of_structs`)."""
     from scipy.io import loadmat  # noqa: PLC0415
 
     content = loadmat(path, simplify_cells=True)
@@ -359,9 +383,10 @@ def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
 
 
 def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Vectors of an HDF5 file, such as MATLAB 7.3 writes, and of its groups, which are structs.
+    """Read the channels of an HDF5 file, which MATLAB 7.3 writes too: its vectors and those in its
+    groups (`_of_structs`).
 
-    Links to other files are not followed, and data that lie in others are not read.
+    Links are not followed, and data stored in other files are not read.
     """
     h5py = import_module("h5py")
     count = size = 0
@@ -372,7 +397,7 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
         for name in group:
             count += 1
             if count > _MOST_VECTORS:
-                raise FormatError(f"has more than {_MOST_VECTORS:,} names")
+                raise FormatError(f"has more than {_MOST_VECTORS:,} names: too many")
             if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 continue  # references of MATLAB, links
             item = group[name]
@@ -387,7 +412,7 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
             ):
                 size += 8 * item.size  # what a small file unpacks to has no limit of its own
                 if size > FILE_BYTES:
-                    raise FormatError(f"has more than {FILE_BYTES // 8:,} numbers")
+                    raise FormatError(f"has more than {FILE_BYTES // 8:,} numbers: too many")
                 struct[name] = np.asarray(item[()]).reshape(-1)
         return struct
 
@@ -396,7 +421,8 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
 
 
 def _of_structs(content: Mapping[str, Any], time: str | None) -> dict[str, _Raw]:
-    """Channels of vectors in structs, each with the time beside it."""
+    """Channels from the vectors of nested structs, by dotted title; a vector is a channel if its
+    struct has a vector of time of the same length. Raises FormatError if there are none."""
     channels: dict[str, _Raw] = {}
     _add_vectors(channels, content, "", time, 0)
     if not channels:
@@ -426,7 +452,8 @@ def _add_vectors(
 
 
 def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Channels of an MDF file, each with its own time; of equal names all, with their groups."""
+    """Read the channels of an MDF file, each of which has its own time; ``time`` is not used. Of
+    channels with one name all are read, and titles begin with their group."""
     asammdf = import_module("asammdf")
 
     channels: dict[str, _Raw] = {}
@@ -448,7 +475,8 @@ def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
 
 
 def _of_tdms(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Channels of a TDMS file: time of a waveform, or of a channel of the group."""
+    """Read the channels of a TDMS file. The time of a channel is that of its waveform, or the
+    channel of the time in its group; ``time`` names that channel."""
     nptdms = import_module("nptdms")
 
     channels: dict[str, _Raw] = {}

@@ -1,5 +1,5 @@
-"""Tables in text and Parquet files: separator, header, units, comments; refused with line and
-reason."""
+"""Reading of tables of numbers in text and Parquet files: finds separator, header, units and
+comments, and rejects others with the line and the reason."""
 
 import re
 from collections import Counter
@@ -23,26 +23,28 @@ _NAMES = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blank"}
 
 
 class FormatError(Exception):
-    """A file that cannot be read; the argument is the reason, with the line."""
+    """Raised for a file that is not in the expected format; the argument is the reason, with the
+    line."""
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """Columns of numbers of a file.
+    """Table of numbers that was read from a file.
 
     Attributes
     ----------
     columns : dict of ndarray (n,)
-        By name, in the order of the file.
+        Columns by name, in the order of the file.
     comments : tuple of str
         Texts of the comment lines.
     separator : str
-        In words.
+        Name of the separator, such as "comma" or "blank"; "Parquet" or "fixed width" for tables
+        without one.
     header : str
-        ``line`` if the names of the columns are of the file or were given, ``comment`` if they are
-        of one of its comments, ``assumed`` if there are none.
+        Where the names of the columns come from: ``line``, a header line or the caller's names;
+        ``comment``, a comment of the file; ``assumed``, the caller's ``assumed`` names.
     lines : tuple of int
-        Line of the file of each row; empty for a file without lines.
+        Line number in the file of each row; empty for a file without lines, such as Parquet.
     """
 
     columns: dict[str, np.ndarray]
@@ -52,12 +54,13 @@ class TextTable:
     lines: tuple[int, ...] = ()
 
     def where(self, row: int) -> str:
-        """Position of a row (from 0) in the file, in words."""
+        """Text for messages on where a row (index from 0) is in the file: "line 12"."""
         return f"line {self.lines[row]}" if self.lines else f"row {row}, counted from 0"
 
 
 def read_bytes(path: Path, most: int = FILE_BYTES) -> bytes:
-    """Bytes of a regular file of at most ``most`` bytes. Raises FormatError."""
+    """Contents of a regular file. Raises FormatError if it cannot be read or has more than ``most``
+    bytes."""
     try:
         return read_limited(path, most)
     except FileNotFoundError:
@@ -69,7 +72,8 @@ def read_bytes(path: Path, most: int = FILE_BYTES) -> bytes:
 
 
 def read_text(path: Path, most: int = FILE_BYTES) -> str:
-    """Text of a file of at most ``most`` bytes, in UTF-8 or else Latin-1. Raises FormatError."""
+    """Text of a file, decoded as UTF-8 or, if that fails, Latin-1. Raises FormatError if it cannot
+    be read, has more than ``most`` bytes or has zero bytes."""
     data = read_bytes(path, most)
     if b"\0" in data:
         raise FormatError("is no text: it has zero bytes")
@@ -92,15 +96,15 @@ def read_table(
     ----------
     path : Path
     names : list of str, optional
-        Names of the columns of a text file without a header.
+        Names of all columns of a text file, in place of a header in it.
     most : int
-        Bytes of the file that are allowed, and four times the numbers of a Parquet file, which may
-        unpack to any number.
+        Largest number of bytes of the file. A Parquet file, which may unpack to much more, may have
+        at most a quarter as many numbers.
     gaps : bool
-        Blank cells and those without a finite number, also whole columns, are NaN; otherwise they
-        are refused.
+        True: cells that are blank or no number become NaN, even if a whole column is. False: such
+        cells, and numbers that are not finite, are rejected.
     assumed : sequence of str
-        Names of the columns of a text file of as many columns without a header, if none are given.
+        Names of the columns of a text file that has no header and as many columns.
 
     Returns
     -------
@@ -109,6 +113,7 @@ def read_table(
     Raises
     ------
     FormatError
+        If the file cannot be read, or is not a table of numbers.
     """
     if path.suffix.lower() == ".parquet":
         return _read_parquet(path, most, gaps)
@@ -121,19 +126,18 @@ def parse_table(
     gaps: bool = False,
     assumed: Sequence[str] = (),
 ) -> TextTable:
-    """Read a table from the lines of a text; see `read_table`.
+    """Read a table of numbers from a text.
 
     Lines that begin with ``#``, ``%``, ``!`` or ``//`` are comments, blank lines are skipped. The
     separator is a semicolon, tab, comma or blanks: the first that the first line of numbers has.
-    The last line of text before it is the header; a line of units may follow. Without one, the last
-    comment before it that has as many cells is the header.
+    The last line of text before it is the header; if that consists of units, the header is the line
+    above it with these units. Without such a line, the last comment before the numbers that has as
+    many cells is the header.
 
     Parameters
     ----------
     text : str
-    names : list of str, optional
-    gaps : bool
-    assumed : sequence of str
+    names, gaps, assumed : see `read_table`
 
     Returns
     -------
@@ -142,6 +146,7 @@ def parse_table(
     Raises
     ------
     FormatError
+        If the text is not a table of numbers.
     """
     comments, lines, before = list[str](), list[tuple[int, str]](), 0
     for number, line in enumerate(text.splitlines(), 1):
@@ -173,8 +178,9 @@ def parse_table(
 
 
 def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
-    """Separator, and index of the first line of numbers; with gaps, of the first line with a number
-    below a header of as many cells."""
+    """Find the separator and the index in ``lines`` (line number, text) of the first row of
+    numbers; with ``gaps`` a row may have blank cells, or, below a header of as many cells, any
+    cells but one number. Raises FormatError if there is none."""
     for index, (line_number, line) in enumerate(lines):
         for separator in _SEPARATORS:
             cells = [cell for cell in _cells(line, separator) if cell]
@@ -202,7 +208,8 @@ def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
 
 
 def _is_row_with_gaps(line: str, separator: str, row: str) -> bool:
-    """True for a line with as many cells as a row, some blank and the others numbers."""
+    """True if a line has as many cells as the line ``row``, of which some are blank and all others
+    are numbers."""
     cells = _cells(line, separator)
     known = [cell for cell in cells if cell]
     return len(known) < len(cells) == len(_cells(row, separator)) and all(map(_is_number, known))
@@ -223,12 +230,14 @@ def _is_number(cell: str) -> bool:
 
 
 def number(cell: str) -> float:
-    """Number of a cell; exponents may be written with d, as Fortran does."""
+    """Convert the text of a cell to a number; an exponent may begin with d or D, as Fortran writes
+    it. Raises ValueError if it is none."""
     return float(cell.lower().replace("d", "e"))
 
 
 def _header(lines: list[tuple[int, str]], separator: str) -> list[str]:
-    """Names of the columns: the last line before the numbers, with a line of units after it."""
+    """Names of the columns from the lines (line number, text) before the numbers: the cells of the
+    last line or, if those are all units, of the line above with these units as ``name (unit)``."""
     if not lines:
         return []
     cells = _cells(lines[-1][1], separator)
@@ -251,7 +260,8 @@ def _is_unit(cell: str) -> bool:
 def _numbers(
     header: list[str], rows: list[tuple[int, list[str]]], separator: str, gaps: bool
 ) -> dict[str, np.ndarray]:
-    """Columns of numbers (n,) by name."""
+    """Convert the cells of ``rows`` (line number, cells) to columns (n,) by the names of
+    ``header``. Raises FormatError for a wrong number of cells and, as in `read_table`, for gaps."""
     header = [name.translate(_INVISIBLE) for name in header]
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip
@@ -285,13 +295,13 @@ def _numbers(
 
 
 def _check_names(names: Sequence[str]) -> None:
-    """Raise FormatError for a name that is there twice, or that cannot be printed; blank ones may
-    be."""
+    """Raise FormatError if a name occurs twice or has characters that cannot be printed. Blank
+    names are allowed."""
     for name, count in Counter(name for name in names if name).items():
         if count > 1:
             raise FormatError(f"has the column {shorten(name)} twice")
         if printable(name) != name:
-            raise FormatError(f"has a column of another name than text: {printable(name, 60)}")
+            raise FormatError(f"has a column whose name is no plain text: {printable(name, 60)}")
 
 
 def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
@@ -305,7 +315,7 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
             rows = sum(metadata.row_group(k).num_rows for k in range(groups))
             if max(rows, metadata.num_rows) * max(1, metadata.num_columns) > most // 4:
                 raise FormatError(
-                    f"has {rows:,} rows of {metadata.num_columns:,} columns: too many"
+                    f"has {rows:,} rows of {metadata.num_columns:,} columns: too many numbers"
                 )
             table = file.read()
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -322,6 +332,6 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
         if not (gaps or np.isfinite(values).all()):
             row = int(np.argmin(np.isfinite(values)))
             where = TextTable({}).where(row)
-            raise FormatError(f"{where}: column {shorten(name)} is no number")
+            raise FormatError(f"{where}: column {shorten(name)} is no finite number")
         columns[name] = values
     return TextTable(columns, (), "Parquet")

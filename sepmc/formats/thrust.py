@@ -1,4 +1,4 @@
-"""Thrust curves: RASP files (``.eng``) and tables of time and thrust."""
+"""Reading of thrust curves from RASP files (``.eng``) and from tables of time and thrust."""
 
 import contextlib
 import math
@@ -37,8 +37,9 @@ class ThrustCurve:
     thrust : list of float
         N, or fractions of a thrust.
     is_fraction : bool
+        True if ``thrust`` has fractions.
     understood : list of str
-        What was understood.
+        Sentences on what was read, for the user.
     """
 
     time: list[float]
@@ -48,20 +49,21 @@ class ThrustCurve:
 
     @property
     def impulse(self) -> float:
-        """Total impulse, N s (or s, of fractions)."""
+        """Total impulse, N s; for fractions the integral of these, s."""
         return float(np.trapezoid(self.thrust, self.time))
 
 
 def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
-    """Read a thrust curve.
+    """Read a thrust curve from a file.
 
     Parameters
     ----------
     path : Path
-        ``.eng``, or a table in text or Parquet; two columns without a header are time in s and
-        thrust in N, unless a comment has another unit.
+        A RASP file ``.eng``, or a table in text or Parquet. Two columns without a header are taken
+        as time in s and thrust in N; a comment with another unit is then an error.
     options : dict
-        ``columns`` of a table; ``engine``, the name or number of one of several in a ``.eng``.
+        ``columns``: of a table, titles by quantity, or the list of all titles of one without a
+        header. ``engine``: name or number, from 0, of one of several engines in a ``.eng``.
 
     Returns
     -------
@@ -70,6 +72,7 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     Raises
     ------
     FormatError
+        If the file cannot be read, or has no valid curve, or an engine must be chosen.
     """
     if path.suffix.lower() == ".eng":
         return parse_eng(read_text(path), options.get("engine"))
@@ -106,7 +109,8 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
 def _quantities(
     table: TextTable, named: dict[str, Any] | None
 ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
-    """Time, fraction and thrust of a table, None for those that it has not."""
+    """Columns of time (s), fraction and thrust (N) of a table, each (n,); None for those that it
+    does not have."""
     columns = Columns(table, named)
     return (
         columns.find("time", _TIME),
@@ -116,7 +120,8 @@ def _quantities(
 
 
 def _without_header(table: TextTable) -> TextTable:
-    """Table with assumed names in place of those of a comment, if it has as many columns."""
+    """Copy of a table of two columns whose names, which came from a comment, are replaced by
+    ``time_s`` and ``thrust_N``; a table with other columns is returned unchanged."""
     if len(table.columns) != len(_ASSUMED):
         return table
     columns = dict(zip(_ASSUMED, table.columns.values(), strict=True))
@@ -124,7 +129,8 @@ def _without_header(table: TextTable) -> TextTable:
 
 
 def _check_comments(table: TextTable) -> None:
-    """Raise FormatError if a comment of a table without a header has a unit other than s and N."""
+    """Raise FormatError if a comment of a table without a header mentions a unit other than s and
+    N, in which its columns may be."""
     for comment in table.comments:
         if unit := _OTHER_UNIT.search(comment):
             raise FormatError(
@@ -134,16 +140,16 @@ def _check_comments(table: TextTable) -> None:
 
 
 def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
-    """Read an engine of a RASP file.
+    """Read the thrust curve of an engine from the text of a RASP file.
 
-    The first row is reached from (0, 0); two rows at one time are a step; comments begin with
-    ``;``.
+    The curve rises from (0, 0) to the first row; two rows at one time are a step; comments begin
+    with ``;``.
 
     Parameters
     ----------
     text : str
     engine : str or int, optional
-        Its name, or its number from 0; needed if the file has several.
+        Name of the engine, or its number from 0; needed if the file has several.
 
     Returns
     -------
@@ -152,11 +158,12 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     Raises
     ------
     FormatError
+        If the text has no valid curve, or an engine must be chosen.
     """
     engines = _engines(text)
     names: list[Any] = [header[0] for _, header, _ in engines]
     if not engines:
-        raise FormatError("has no engine: a line of name, diameter, length, delays and masses")
+        raise FormatError("has no engine, no line of name, diameter, length, delays and masses")
     if engine is None and len(engines) > 1:
         listed = ", ".join(map(str, names[:8]))
         raise FormatError(f'has {len(engines)} engines; choose one by engine = "NAME": {listed}')
@@ -193,7 +200,8 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
 
 
 def _engines(text: str) -> list[tuple[int, list[str], list[tuple[int, float, float]]]]:
-    """Engines of a RASP file: line and fields of the header, and rows of line, time and thrust."""
+    """Parse a RASP file to its engines. Each is a triple: line number of its header, fields of the
+    header, and rows (line number, time in s, thrust in N). Raises FormatError for other lines."""
     engines: list[tuple[int, list[str], list[tuple[int, float, float]]]] = []
     ended = True
     for n, line in enumerate(text.splitlines(), 1):
@@ -230,9 +238,10 @@ def _pair(cells: list[str]) -> tuple[float, float] | None:
 
 
 def _curve(points: list[tuple[float, float]], places: list[str]) -> ThrustCurve:
-    """Curve through points, of which several at one time are a step. Raises FormatError, with the
-    position of the point in the file, if a time is earlier than the one before it, or below
-    zero."""
+    """Thrust curve through points (time, thrust); two points at one time are a step, whose second
+    time is made greater by one unit in the last place. Raises FormatError, with the text of
+    ``places`` on where the point is in the file, if a time is negative or earlier than the one
+    before it."""
     times: list[float] = []
     thrusts: list[float] = []
     steps = list[float]()

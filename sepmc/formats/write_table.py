@@ -1,4 +1,4 @@
-"""Tables of results in formats of other programs: CSV, MATLAB, netCDF, HDF5, Excel."""
+"""Writing of result tables in formats of other programs: CSV, MATLAB, netCDF, HDF5, Excel."""
 
 from collections.abc import Mapping, Sequence
 from importlib import import_module
@@ -22,15 +22,17 @@ Array = np.ndarray
 def write_table(
     path: Path, kind: str, columns: Sequence[Column], values: Mapping[str, Array], name: str
 ) -> None:
-    """Write a table with the units and meanings of its columns.
+    """Write a table to a file, with the units and meanings of its columns where the format has room
+    for them (all but CSV).
 
     Parameters
     ----------
     path : Path
     kind : {"csv", "mat", "netcdf", "hdf5", "xlsx"}
     columns : sequence of Column
+        Name, unit and meaning of each column to write.
     values : mapping of str to ndarray (n,)
-        Columns by name; numbers are written to the last bit, texts as texts.
+        Values of the columns by name; numbers are written to the last bit.
     name : str
         Name of the table: of a struct in MATLAB, a group in HDF5, a sheet in Excel.
 
@@ -59,7 +61,8 @@ def write_table(
 
 
 def _plain(values: Any) -> Array:
-    """Array (n,) of a column: numbers as they are, others as objects of type str."""
+    """Convert a column to an array (n,): numbers and booleans unchanged, anything else to objects
+    of type str."""
     array = np.asarray(values)
     return array if array.dtype.kind in "fiub" else array.astype(str).astype(object)
 
@@ -75,7 +78,8 @@ def _write_csv(path: Path, columns: Sequence[Column], table: dict[str, Array], n
 
 
 def matlab_names(names: Sequence[str]) -> dict[str, str]:
-    """Names of columns in MATLAB, of at most 63 letters: longer ones are cut and numbered.
+    """Make names of columns valid for MATLAB: names of more than 63 letters are cut, and numbered
+    where cut names are equal.
 
     Parameters
     ----------
@@ -84,6 +88,7 @@ def matlab_names(names: Sequence[str]) -> dict[str, str]:
     Returns
     -------
     dict of str to str
+        The name in MATLAB of each column.
     """
     used: set[str] = set()
     result = {}

@@ -1,4 +1,5 @@
-"""XML files of others as trees: with the line of every element, without entities."""
+"""Reading of XML to a tree of elements with line numbers; entities, which could unpack to any size,
+are rejected."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ _DEPTH = 200  # of nested elements
 
 @dataclass
 class Element:
-    """An element of XML.
+    """Element of an XML file.
 
     Attributes
     ----------
@@ -22,8 +23,9 @@ class Element:
     line : int
         Line of its start, from 1.
     text : str
-        Text within it, without that of its children.
+        Text in the element itself, without that in its children.
     children : list of Element
+        In the order of the file.
     """
 
     tag: str
@@ -33,7 +35,7 @@ class Element:
     children: list["Element"] = field(default_factory=list)
 
     def all(self, tag: str) -> Iterator["Element"]:
-        """Descendants of a tag, in the order of the file.
+        """Yield all descendants that have a tag, in the order of the file.
 
         Parameters
         ----------
@@ -51,7 +53,7 @@ class Element:
             stack += element.children[::-1]
 
     def child(self, tag: str) -> "Element | None":
-        """First child of a tag; None without one.
+        """Return the first child that has a tag; None if there is none.
 
         Parameters
         ----------
@@ -64,16 +66,16 @@ class Element:
         return next((each for each in self.children if each.tag == tag), None)
 
     def numbers(self, text: str, what: str, count: int = 0) -> list[float]:
-        """Finite numbers of a text of the element.
+        """Convert a text of this element to finite numbers.
 
         Parameters
         ----------
         text : str
-            Separated by blanks or commas.
+            Numbers separated by blanks or commas.
         what : str
-            Name in messages.
+            Name of the text for messages.
         count : int
-            Expected number of numbers; 0 for any.
+            How many numbers are expected; 0 for any.
 
         Returns
         -------
@@ -82,7 +84,7 @@ class Element:
         Raises
         ------
         FormatError
-            If the text has another number of numbers, or anything else.
+            If the text has more or fewer numbers, or anything but finite numbers.
         """
         try:
             values = [number(cell) for cell in text.replace(",", " ").split()]
@@ -98,7 +100,7 @@ class Element:
 
 
 def parse_xml(text: str) -> Element:
-    """Read XML.
+    """Parse a text of XML to a tree.
 
     Parameters
     ----------
@@ -107,12 +109,12 @@ def parse_xml(text: str) -> Element:
     Returns
     -------
     Element
-        The root.
+        The root element.
 
     Raises
     ------
     FormatError
-        If it is no XML, or has entities of its own.
+        If it is not XML, is nested too deeply, or defines entities.
     """
     parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True

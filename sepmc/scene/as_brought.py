@@ -1,8 +1,8 @@
-"""Data in other conventions, as brought: keys of a campaign that are written in those of this
-project before the file is read.
+"""Conversion of data that a campaign file gives in other conventions (DATCOM signs, inertia
+tensors, wind "from") to the keys and conventions of the model.
 
-The resolved tree, which a run stores, has the keys of the model only. `sepmc check` prints a
-sentence on every conversion.
+The converted tree, which a run stores, has keys of the model only. `sepmc check` prints a sentence
+on every conversion.
 """
 
 from typing import Any
@@ -14,13 +14,13 @@ from sepmc.scene.messages import Problems
 
 
 def convert_tree(tree: dict[str, Any], problems: Problems) -> list[str]:
-    """Convert data in other conventions in place.
+    """Convert data in other conventions to those of the model, in place.
 
     Parameters
     ----------
     tree : dict
-        Tables of a campaign file, changed in place. Values of other types than expected stay, for
-        the checks of the model.
+        TOML tree of a campaign file, changed in place. Values of an unexpected type are left
+        unchanged: the checks of the model report them.
     problems : Problems
         Receives every problem.
 

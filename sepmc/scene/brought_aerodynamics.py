@@ -1,4 +1,5 @@
-"""Aerodynamic data as brought: signs of DATCOM, slopes per degree, halves of symmetric tables."""
+"""Conversion of aerodynamic data in other conventions: signs of DATCOM, slopes per degree, halves
+of symmetric tables."""
 
 import math
 from typing import Any
@@ -19,15 +20,16 @@ _ZERO = 1e-9  # of the largest value: an odd coefficient at zero
 
 
 def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems) -> list[str]:
-    """Convert the aerodynamics of a body to the conventions of this project, and remove the keys
-    that describe others: ``convention``, ``per``, ``table.mirror`` and ``lateral_length_*``.
+    """Convert the aerodynamics of a body, in place, to the conventions of CONVENTIONS.md, and
+    remove the keys that name other ones: ``convention``, ``per``, ``table.mirror`` and
+    ``lateral_length_*``.
 
     Parameters
     ----------
     key_path : str
         TOML path of the aerodynamics.
     aero : dict
-        Changed in place.
+        Table [body.NAME.aerodynamics], changed in place.
     problems : Problems
         Receives every problem.
 
@@ -70,8 +72,8 @@ def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems
 def _option(
     key_path: str, tree: dict[str, Any], key: str, allowed: tuple[str, ...], problems: Problems
 ) -> Any:
-    """Remove an option and return its value: the first of ``allowed`` if it is not set; another
-    value than those allowed is noted as a problem."""
+    """Remove the key ``key`` from ``tree`` and return its value, or the first of ``allowed`` if it
+    is not set. A value that is not allowed is returned too, after adding a problem."""
     value = tree.pop(key, allowed[0])
     if value not in allowed:
         problems.add(f"{key_path}.{key}", f"must be one of {', '.join(allowed)}", value)
@@ -81,8 +83,9 @@ def _option(
 def _lateral_length(
     key_path: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
 ) -> list[str]:
-    """Refer rolling and yawing moments, and p and r, to the reference length instead of a lateral
-    length (the span), which is removed. Return a sentence; empty without a valid lateral length."""
+    """Convert coefficients that are made dimensionless by a lateral length (the span) to the
+    reference length, in place: rolling and yawing moments, and derivatives by p and r. Removes the
+    key of the lateral length; returns one sentence, or none without a valid lateral length."""
     key = next((k for k in aero if split_unit(k)[0] == "lateral_length"), None)
     if key is None:
         return []
@@ -116,8 +119,9 @@ def _lateral_length(
 
 
 def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problems) -> list[str]:
-    """Add the mirror image of a table whose axis ``mirror`` (alpha or beta) begins at zero, in
-    place. Return a sentence; empty, with the problem noted, if it cannot be mirrored."""
+    """Extend a table whose axis ``mirror`` (alpha or beta) begins at zero by its mirror image at
+    negative angles, in place. Returns one sentence; none, after adding a problem, if it cannot be
+    mirrored."""
     if mirror not in _ODD:
         problems.add(f"{key_path}.mirror", 'must be "alpha" or "beta"', mirror)
         return []
@@ -149,7 +153,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
         if odd and np.abs(grid[0]).max() > _ZERO * np.abs(grid).max():
             problems.add(
                 f"{key_path}.{name}",
-                f"is not 0 at {mirror} = 0, but its mirror image has the other sign there",
+                f"is not 0 at {mirror} = 0, but must be: its mirror image has the opposite sign",
             )
             continue
         image = (-1.0 if odd else 1.0) * grid[:0:-1]
@@ -161,8 +165,8 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
 
 
 def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
-    """Sentence for each of the axes mach, alpha, beta with one row: the table does not depend on
-    it."""
+    """Return a sentence for each of the axes mach, alpha, beta with a single row, on which the
+    table does not depend."""
     understood = []
     for key, rows in table.items():
         name = split_unit(key)[0]
@@ -173,7 +177,8 @@ def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
 
 
 def _degree(term: str) -> int:
-    """Number of angles and rates that a term multiplies; a signal counts as it stands."""
+    """Number of factors of a term that are angles or rates, counted with their powers: 3 for
+    ``alpha2_q``. 0 for the constant and for a signal."""
     total = 0
     if signal_of(term):
         return total
@@ -187,12 +192,13 @@ def _degree(term: str) -> int:
 
 
 def _is_lateral_rate(term: str) -> bool:
-    """True for a term with the rate p or r."""
+    """True if a term of a polynomial has the rate p or r as a factor."""
     return not signal_of(term) and term.rsplit("_", maxsplit=1)[-1] in ("p", "r")
 
 
 def _scaled(value: Any, factor: float) -> Any:
-    """Numbers in nested lists and tables times a factor; other values stay."""
+    """Copy of a TOML value in which all numbers, also those in nested lists and tables, are
+    multiplied by a factor; other values are unchanged."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):

@@ -1,5 +1,5 @@
-"""Air and wind as brought: pressure and temperature, geopotential heights, the direction from which
-the wind comes."""
+"""Conversion of air and wind in other conventions: pressure and temperature, geopotential heights,
+the direction from which the wind comes."""
 
 import math
 from typing import Any
@@ -16,15 +16,16 @@ _COLD, _HOT = 100.0, 1e4  # K, of air
 
 
 def convert_air(key_path: str, environment: dict[str, Any], problems: Problems) -> list[str]:
-    """Write pressure and temperature of a table of air as density and speed of sound, geopotential
-    heights as heights, and add rows of the standard atmosphere above it.
+    """Convert a table of air in place: pressure and temperature to density and speed of sound, and
+    geopotential to geometric heights; with ``above`` add rows of the standard atmosphere above the
+    last row.
 
     Parameters
     ----------
     key_path : str
-        TOML path of the table.
+        TOML path of the table ``air``.
     environment : dict
-        With the table ``air``, changed in place.
+        Table [environment], whose table ``air`` is changed in place.
     problems : Problems
         Receives every problem.
 
@@ -55,14 +56,14 @@ def _heights(key_path: str, air: dict[str, Any], problems: Problems) -> list[str
         problems.add(f"{key_path}.{key}", reason)
         return []
     if any(split_unit(k)[0] == "altitude" for k in air):
-        problems.add(f"{key_path}.{key}", "stands beside altitude_m: give one of them")
+        problems.add(f"{key_path}.{key}", "stands beside altitude_m: give one of the two")
         return []
     factor = UNITS["length"][unit]
     del air[key]
     air["altitude_m"] = [
         R0 * h * factor / (R0 - h * factor) for h in heights
     ]  # equation 19 of the standard
-    return [f"{key_path}: geopotential heights taken to geometric ones, r0 H / (r0 - H)"]
+    return [f"{key_path}: geopotential heights H converted to geometric ones, r0 H / (r0 - H)"]
 
 
 def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
@@ -84,7 +85,7 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
         return []
     temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):
-        reason = "must be as many numbers as there are of the pressure, and both must be lists"
+        reason = "must be as many numbers as there are of the pressure, both in lists"
         problems.add(f"{key_path}.{key}", reason)
         return []
     kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures
@@ -148,15 +149,16 @@ def _rising(top: float) -> list[float]:
 
 
 def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> list[str]:
-    """Write ``from_deg``, the compass direction from which the wind comes, as the direction to
-    which it blows, from ground x; geopotential heights of its profile as heights.
+    """Convert wind and its profile in place: ``from_deg``, the compass direction from which the
+    wind comes, to ``direction_deg``, the direction from ground x to which it blows, and
+    geopotential to geometric heights.
 
     Parameters
     ----------
     key_path : str
         TOML path of the wind.
     wind : dict
-        Changed in place.
+        Table of the wind, changed in place.
     problems : Problems
         Receives every problem.
 
@@ -182,7 +184,7 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
             )
             continue
         if "direction_deg" in table or "direction_rad" in table:
-            problems.add(f"{where}.from_deg", "stands beside direction_deg: give one of them")
+            problems.add(f"{where}.from_deg", "stands beside direction_deg: give one of the two")
             continue
         value = table.pop("from_deg")
         values = [value] if _is_number(value) else _numbers(value)
@@ -203,7 +205,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _numbers(value: Any) -> list[float] | None:
-    """A list of finite numbers; None if it is something else."""
+    """A TOML value as a list of floats; None if it is no list of finite numbers."""
     if isinstance(value, list) and all(_is_number(x) and math.isfinite(x) for x in value):
         return [float(x) for x in value]
     return None

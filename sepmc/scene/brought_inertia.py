@@ -1,4 +1,4 @@
-"""Mass properties as brought: tensors, and axes other than forward, up, right."""
+"""Conversion of inertias in other conventions: tensors, and axes other than forward, up, right."""
 
 from typing import Any
 
@@ -22,15 +22,16 @@ _SYMMETRIC = 1e-6  # of the largest entry: larger differences are no round-off
 
 
 def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> list[str]:
-    """Write ``inertia_tensor_*`` and ``inertia_axes`` of a body as moments ``inertia_*`` and
-    products ``inertia_products_*`` (positive integrals) in body axes: forward, up, right.
+    """Replace ``inertia_tensor_*`` and ``inertia_axes`` of a body, in place, by moments
+    ``inertia_*`` and products ``inertia_products_*`` (positive integrals) in body axes: x forward,
+    y up, z right.
 
     Parameters
     ----------
     key_path : str
         TOML path of the body.
     body : dict
-        Changed in place.
+        Table of the body, changed in place.
     problems : Problems
         Receives every problem.
 
@@ -87,7 +88,8 @@ _MOMENTS = ("inertia", "inertia_products")
 
 
 def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
-    """Symmetric matrix (3, 3) of a TOML value; None, with the problem noted, if it is none."""
+    """Symmetric matrix (3, 3) from a TOML value; None, after adding a problem, if the value is not
+    one."""
     try:
         tensor = np.array(value, dtype=float)
     except (ValueError, TypeError):
@@ -102,8 +104,9 @@ def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
 
 
 def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
-    """Tensor (3, 3) of the moments and products of a body, whose keys are removed, and the unit of
-    both; None, with nothing removed, if there are no moments or they are no numbers."""
+    """Inertia tensor (3, 3) from the moments and products in the table of a body, and its unit,
+    that of the moments. Removes their keys from the table. None, and nothing is removed, if there
+    are no moments or either are not three numbers."""
     keys = {split_unit(key)[0]: key for key in body if split_unit(key)[0] in _MOMENTS}
     if "inertia" not in keys:
         return None
@@ -130,7 +133,7 @@ def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
 
 
 def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | None:
-    """Matrix (3, 3) of named axes.
+    """Rotation matrix (3, 3) from body axes to axes given by named directions.
 
     Parameters
     ----------
@@ -142,8 +145,8 @@ def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | No
     Returns
     -------
     ndarray or None
-        Rows are the unit vectors of the axes in body axes; None, with the problem noted, if the
-        directions are none.
+        Rows are the unit vectors of the named axes in body axes; None, after adding a problem, if
+        ``axes`` is not three perpendicular directions.
     """
     words = axes.split("-") if isinstance(axes, str) else []
     known = [DIRECTIONS[word] for word in words if word in DIRECTIONS]
@@ -162,8 +165,8 @@ def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | No
 
 
 def _map(axes: str) -> str:
-    """Text that maps moments and products in named axes to those in body axes: ``where xx, zz, yy
-    become Ixx, Iyy, Izz and ...``."""
+    """Text that says which moments and products in named axes become which in body axes: "where xx,
+    zz, yy become Ixx, Iyy, Izz and ..."."""
     where = {number: (row, sign) for row, (number, sign) in
              enumerate(DIRECTIONS[word] for word in axes.split("-"))}  # fmt: skip
     moments = ", ".join(2 * "xyz"[where[k][0]] for k in range(3))

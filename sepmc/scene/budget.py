@@ -17,7 +17,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass properties of one body or of several as one rigid body.
+    """Mass properties of one body, or of several bodies locked to one rigid body.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class MassProperties:
 
 
 def of_body(body: Body) -> MassProperties:
-    """Mass properties of a body.
+    """Nominal mass properties of a body.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def of_body(body: Body) -> MassProperties:
 
 
 def mated(scene: Scene) -> MassProperties:
-    """Mass properties of all bodies of a scene as one rigid body.
+    """Nominal mass properties of all bodies of a scene, locked to one rigid body.
 
     Parameters
     ----------
@@ -89,13 +89,13 @@ def mated(scene: Scene) -> MassProperties:
 
 
 def impulse(motor: Motor, end: float) -> float:
-    """Impulse of a motor, from its ignition to its end, tail-off included.
+    """Total impulse of a motor at nominal values, from its ignition to its end, tail-off included.
 
     Parameters
     ----------
     motor : Motor
     end : float
-        Burn time, s, of a motor that has neither a burn time nor a profile.
+        Burn time, s, that is taken for a motor with neither a burn time nor a profile.
 
     Returns
     -------
@@ -139,8 +139,8 @@ def _of_line(level: float, slope: float, t0: float, t1: float, build_up: float) 
 
 
 def energy(spring: Spring) -> float:
-    """Work that a spring does from its start to the end of its stroke, or to where its force is
-    zero.
+    """Work that a spring does from the start to the end of its stroke; without a stroke, to where
+    its force is zero.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def energy(spring: Spring) -> float:
     Returns
     -------
     float
-        J, without damping; infinite if the spring has no stroke and its force never ends.
+        J, without damping; infinite if the spring has neither a stroke nor a stiffness.
     """
     stroke = spring.stroke
     if math.isinf(stroke):
@@ -161,8 +161,8 @@ def energy(spring: Spring) -> float:
 
 
 def _of_table(table: ForceTable | None, stroke: float) -> float:
-    """Integral of the force of a table from extension 0 to the stroke, J; constant beyond its
-    rows."""
+    """Integral of the force of a table over extension from 0 to ``stroke``, J; the force is
+    constant beyond the rows. 0 without a table."""
     from scipy.interpolate import (  # noqa: PLC0415  (few scenes need it)
         CubicSpline,
         PchipInterpolator,
@@ -182,7 +182,7 @@ def _of_table(table: ForceTable | None, stroke: float) -> float:
 
 
 def budget_lines(scene: Scene) -> Iterator[str]:
-    """Lines of text on the mass properties, impulses and energies of a nominal scene.
+    """Yield lines of text on the mass properties, impulses and energies of a nominal scene.
 
     Parameters
     ----------
@@ -191,7 +191,8 @@ def budget_lines(scene: Scene) -> Iterator[str]:
     Yields
     ------
     str
-        First of all bodies as one, then of each body, motor, and spring of finite energy.
+        First a line on all bodies as one, then one on each body, motor, and spring of finite
+        energy.
     """
     whole = mated(scene)
     yield "mated        " + _sentence(whole)

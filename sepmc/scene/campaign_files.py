@@ -1,4 +1,4 @@
-"""Campaign files by their name: shipped with sepmc, in a folder, or of a run."""
+"""Campaign files by name: paths of files, of run folders, and names of those shipped with sepmc."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from sepmc.scene.messages import SceneError, nearest, shorten
 
 
 def shipped_campaigns() -> dict[str, Path]:
-    """Campaign files shipped with sepmc, by file name."""
+    """Paths of the campaign files shipped with sepmc, by file name (``table1.toml``)."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "campaigns", package.parent / "campaigns"):
         if folder.is_dir():
@@ -16,8 +16,8 @@ def shipped_campaigns() -> dict[str, Path]:
 
 
 def find_file(file: str | Path) -> Path:
-    """Path of a campaign: a file, a run folder's ``campaign.toml``, or the name of a shipped
-    campaign. Raises SceneError if there is none."""
+    """Path of the campaign file that ``file`` means: that file, the ``campaign.toml`` of that run
+    folder, or the shipped campaign of that name. Raises SceneError if there is none."""
     if isinstance(file, dict):
         reason = (
             "must be the name of a file or run folder, not a dict; to change values of a file, "
@@ -40,7 +40,9 @@ def find_file(file: str | Path) -> Path:
         if len(path.parts) == 1 and name in shipped:
             return shipped[name]
     if file and path.is_dir():
-        raise SceneError([f"{file}: is a folder, and not that of a run; give a file, or a run"])
+        raise SceneError(
+            [f"{file}: is a folder, and not that of a run; give a file, or a run folder"]
+        )
     hint = "shipped campaigns: " + ", ".join(shipped)
     if len(path.parts) == 1:  # without the suffix, in which all names agree
         hint = nearest(path.stem, [Path(name).stem for name in shipped])

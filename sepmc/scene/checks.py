@@ -1,5 +1,5 @@
-"""Checks across values of a scene: references between tables, realizable inertias, ranges of
-distributions."""
+"""Checks of values of a scene against each other: references between tables, realizable inertias,
+ranges of distributions."""
 
 import math
 
@@ -34,7 +34,9 @@ MOST_STEPS = 100_000_000  # steps of a case
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
-    """Note problems across the tables of a scene, each of which is valid by itself."""
+    """Add the problems of a scene that no single value shows: wrong references between tables,
+    phases out of order, impossible inertias, redundant constraints and the like. Single values are
+    checked before, by `sepmc.scene.tables.read_table`."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():
@@ -56,24 +58,26 @@ def check_scene(scene: Scene, problems: Problems) -> None:
 
 
 def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
-    """Inertia tensor, shape (3, 3) or (3, 3, n), from moments and products, floats or arrays (n,);
-    products are the positive integrals of xy, xz, yz."""
+    """Inertia tensor, shape (3, 3) or (3, 3, n), from moments and products of inertia, floats or
+    arrays (n,). The products are positive integrals, so they enter with a minus sign."""
     return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
 
 
 def inertia_tensor(body: Body) -> np.ndarray:
-    """Inertia tensor of a body, kg m2, shape (3, 3)."""
+    """Nominal inertia tensor (3, 3) of a body about its mass centre, kg m2, with
+    ``inertia_factor``."""
     return body.inertia_factor * tensor(*body.inertia, *body.inertia_products)
 
 
 def breaks_triangle(principal: np.ndarray) -> np.ndarray:
-    """True where principal moments (..., 3), rising, violate A + B >= C, which is true for every
-    solid body (Goldstein, Classical Mechanics, ch. 5)."""
+    """Mask (...), True where principal moments (..., 3), rising, violate A + B >= C, which every
+    solid body satisfies (Goldstein, Classical Mechanics, ch. 5)."""
     return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 
 
 def inertia_fault(tensor: np.ndarray) -> str | None:
-    """Reason why no solid body has an inertia tensor (3, 3), kg m2; None if it is realizable."""
+    """Reason, for a message, why no solid body has the inertia tensor (3, 3), kg m2; None if one
+    can."""
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] <= 0.0:
         return (
@@ -88,7 +92,8 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
 
 
 def _check_columns(scene: Scene, problems: Problems) -> None:
-    """Note outcomes of equal names: an event ``a`` of a body ``b_c``, and ``a_b`` of ``c``."""
+    """Add a problem for each column name that two outcomes share, as event ``a`` with body ``b_c``
+    and event ``a_b`` with body ``c`` do."""
     names = [column.name for column in outcome_columns(contents(scene))]
     for name in dict.fromkeys(name for name in names if names.count(name) > 1):
         event = next((e.name for e in scene.event if name.startswith(f"{e.name}_")), None)
@@ -99,14 +104,15 @@ def _check_columns(scene: Scene, problems: Problems) -> None:
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:
-    """Note an inertia tensor that no solid body has."""
+    """Add a problem if no solid body has the inertia tensor of this body."""
     fault = inertia_fault(inertia_tensor(body))
     if fault:
         problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
 
 
 def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
-    """Check the body and the thrust profile of a motor."""
+    """Add problems of a motor: an unknown body, or a profile with times that do not rise from 0 or
+    later, or with columns of different length."""
     key_path = f"motor.{motor.name}"
     check_known(f"{key_path}.body", motor.body, scene.body, "body", problems)
     if motor.profile is not None:
@@ -122,7 +128,8 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
 
 
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Check bodies, axes, kinds and guide of a joint."""
+    """Add problems of a joint: unknown or equal bodies, axes that are zero or parallel, own kinds
+    named like those of `KINDS`, ``fails`` other than 0 and 1, and a guide without effect."""
     key_path = f"joint.{name}"
     check_pair(f"{key_path}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
@@ -153,7 +160,8 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    """Note guide pins that slide in no phase and after no release: they have no effect."""
+    """Add a problem if the guide pins of a joint never slide, in no phase and after no release, and
+    so have no effect."""
     kinds = [phase.joints.get(name, "free") for phase in scene.phase]
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
@@ -170,12 +178,12 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:
-    """Limit the rows of histories and the steps of a case."""
+    """Add a problem if a case would have too many rows of history or too many integration steps."""
     step = scene.run.history_step
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
         problems.add(
             "run.history_step_s",
-            f"gives more than {MOST_ROWS} rows of history a case up to {scene.run.end_time:g} s: "
+            f"gives more than {MOST_ROWS} rows of history per case up to {scene.run.end_time:g} s: "
             "give a longer step, or 0 for no histories",
             step,
         )
@@ -188,7 +196,8 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
 
 
 def _check_initial(scene: Scene, problems: Problems) -> None:
-    """Check initial attitude, speed and altitude."""
+    """Add problems of the initial state: yaw beyond +-89 deg, speed although a joint connects to
+    the ground, and an altitude outside the 1976 atmosphere if that is used."""
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
         problems.add(
@@ -199,7 +208,7 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
     if holds_ground(scene) and initial.speed != 0.0:
         problems.add(
             "initial.speed_m_s",
-            "must be 0 where a joint of the first phase connects to the ground",
+            "must be 0 if a joint of the first phase connects to the ground",
             initial.speed,
         )
     if scene.environment.atmosphere == "us1976" and not 0.0 <= initial.altitude <= ATMOSPHERE_TOP:
@@ -211,7 +220,8 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
 
 
 def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
-    """Note a parameter that cannot vary in this scene, or not by this kind of distribution."""
+    """Add a problem if the parameter of a dispersion cannot vary in this scene, or not with this
+    kind of distribution."""
     parameter = dispersion.parameter
     key_path, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
     if parts[-1] == "fails" and not (
@@ -229,15 +239,15 @@ def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -
         and parts[4] == "offset"
         and outline[item_names(outline).index(parts[3])].stations is None
     ):
-        reason = "belongs to a frustum's axis, and this part has points: disperse those"
+        reason = "belongs to a frustum's axis, and this part has points: disperse points_m"
         problems.add(key_path, reason)
 
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
-    """Note a dispersion whose support leaves the bounds of its parameter.
+    """Add problems of a dispersion: values outside the bounds of its parameter, or not finite.
 
-    The tails of a normal distribution without truncation are no error: a case sampled there gets
-    the status invalid-input.
+    Only the tails of a normal distribution without truncation may leave the bounds: a case sampled
+    there gets the status invalid-input.
     """
     parameter = dispersion.parameter
     key_path, numbers = f"dispersion.{parameter.key}", list(dispersion.numbers)

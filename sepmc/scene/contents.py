@@ -1,4 +1,4 @@
-"""Contents of a scene that result columns follow from."""
+"""Names of bodies, joints and other entries of a scene that determine its result columns."""
 
 import math
 
@@ -7,13 +7,14 @@ from sepmc.schema import Contents, Formula
 
 
 def contents(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Contents:
-    """Names of what a scene contains that has columns of its own: bodies, joints, outputs, ...
+    """Collect the names of bodies, joints, outputs and other entries of a scene for which results
+    have columns.
 
     Parameters
     ----------
     scene : Scene
     dispersed : frozenset of str
-        Paths of dispersed parameters: a dispersed stroke gives a spring its columns too.
+        Paths of dispersed parameters: a spring has columns if its stroke is finite or dispersed.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Correlated dispersions: Gaussian copulas of their distributions."""
+"""Correlated dispersions: groups of parameters whose distributions a Gaussian copula joins."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,14 +13,15 @@ _NONE = 1e-12  # a pivot below this is zero: the parameter depends on those befo
 
 @dataclass(frozen=True)
 class Copula:
-    """A group of correlated dispersions.
+    """Gaussian copula of a group of correlated dispersions.
 
     Attributes
     ----------
     places : tuple of int
-        Indices of the dispersions, in the order of the correlation.
+        Index, among the dispersions of the campaign, of each parameter of the correlation.
     factor : tuple of tuple of float
-        Lower triangular Cholesky factor of the correlation of their normal scores, row by row.
+        Lower triangular Cholesky factor (n, n) of the correlation matrix of the normal scores of
+        these parameters, row by row.
     """
 
     places: tuple[int, ...]
@@ -33,7 +34,7 @@ def resolve(
     dispersions: Sequence[Dispersion],
     problems: Problems,
 ) -> tuple[Copula, ...]:
-    """Resolve the correlations of a file against its dispersions.
+    """Convert the correlations of a file, which name parameters, to copulas of dispersions.
 
     Parameters
     ----------
@@ -46,7 +47,8 @@ def resolve(
     Returns
     -------
     copulas : tuple of Copula
-        One for each correlation, except those whose parameters are all columns of ``run.samples``.
+        One for each correlation, except those whose parameters are all columns of ``run.samples``:
+        these are correlated as in the table.
     """
     index_of = {d.parameter.path: i for i, d in enumerate(dispersions)}
     copulas: list[Copula] = []
@@ -66,14 +68,14 @@ def resolve(
             if key in from_samples:
                 problems.add(
                     f"{where}.parameters",
-                    "is given by run.samples, unlike the others: such a correlation must be that "
-                    "of the samples",
+                    "is given by run.samples, unlike the others: give all parameters of a "
+                    "correlation by columns of run.samples, or none",
                     key,
                 )
             if key_path in group_of:
                 problems.add(
                     f"{where}.parameters",
-                    f"correlated already, in correlation.{group_of[key_path]}",
+                    f"is correlated already, in correlation.{group_of[key_path]}: keep one",
                     key,
                 )
             group_of[key_path] = number
@@ -89,7 +91,8 @@ def resolve(
 
 
 def _index(key: str, scene: Scene, index_of: dict[str, int], where: str, problems: Problems) -> int:
-    """Index of the dispersion of a parameter; -1, with the problem noted, if there is none."""
+    """Index, by ``index_of`` (path to index), of the dispersion of the parameter ``key``; -1, after
+    adding a problem, if there is none."""
     try:
         path = find(scene, key).path
     except UnknownPath as error:
@@ -101,8 +104,8 @@ def _index(key: str, scene: Scene, index_of: dict[str, int], where: str, problem
 
 
 def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[float]]:
-    """Correlation matrix (n, n) of a table ``[[correlation]]``: its matrix, or its coefficient for
-    all pairs; empty, with the problem noted, if it has no matrix of this shape."""
+    """Correlation matrix (n, n) of the n parameters of a ``[[correlation]]``: its matrix, or one
+    with its coefficient for all pairs. Adds problems; empty if there is no matrix of this shape."""
     n = len(item.parameters)
     if n < 2:
         problems.add(f"{where}.parameters", "name at least two parameters", list(item.parameters))

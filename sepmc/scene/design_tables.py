@@ -1,5 +1,5 @@
-"""Tables of a campaign file that no row depends on: ``[map]`` and ``[size]``, the defaults of the
-commands of these names."""
+"""Tables ``[map]`` and ``[size]`` of a campaign file: defaults of the commands ``sepmc map`` and
+``sepmc size``. Cases do not depend on them."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,8 +26,8 @@ _Cases = Annotated[int, Meta(ge=1, le=CASES)]
 
 
 class MapTable(Struct, frozen=True, kw_only=True):
-    """``[map]``: axes as ``KEY=LOW:HIGH:COUNT``, cases of every design, and at most of one that is
-    open with fewer."""
+    """Table ``[map]`` as written: axes ``KEY=LOW:HIGH:COUNT``, number of cases of every design, and
+    the largest number for a design whose verdict is open after fewer."""
 
     x: str
     y: str | None = None
@@ -36,8 +36,8 @@ class MapTable(Struct, frozen=True, kw_only=True):
 
 
 class SizeTable(Struct, frozen=True, kw_only=True):
-    """``[size]``: costs, design variables ``KEY=LOW:HIGH`` by name, names of the requirements (all
-    if empty), and cases of every design of the search."""
+    """Table ``[size]`` as written: formulas of the costs, design variables ``KEY=LOW:HIGH`` by
+    name, names of the requirements to satisfy (empty: all), and number of cases of every design."""
 
     minimise: tuple[str, ...] | str
     vary: dict[str, str]
@@ -47,7 +47,7 @@ class SizeTable(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class MapAxis:
-    """Design variable of a map, and its values.
+    """Axis of a map: a design variable and its evenly spaced values.
 
     Attributes
     ----------
@@ -66,13 +66,14 @@ class MapAxis:
 
     @property
     def values(self) -> np.ndarray:
-        """Values (count,), rising."""
+        """Values (count,) of the variable, rising, in the unit of its key."""
         return np.linspace(self.low, self.high, self.count)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Design variable: its name in the cost, TOML path with unit, and ends of its range."""
+    """Design variable of a sizing: its name in the formulas of costs, its TOML path with unit
+    (``*`` stands for any name), and the ends of its range in that unit."""
 
     name: str
     key: str
@@ -82,7 +83,8 @@ class Variable:
 
 @dataclass(frozen=True)
 class MapPlan:
-    """``[map]``, parsed."""
+    """Table ``[map]``, parsed and checked: its one or two axes, and numbers of cases as in
+    `MapTable` (None: not given)."""
 
     axes: tuple[MapAxis, ...]
     cases: int | None
@@ -91,7 +93,8 @@ class MapPlan:
 
 @dataclass(frozen=True)
 class SizePlan:
-    """``[size]``, parsed."""
+    """Table ``[size]``, parsed and checked: design variables, formulas of costs, names of
+    requirements (empty: all), and number of cases (None: not given)."""
 
     variables: tuple[Variable, ...]
     minimise: tuple[str, ...]
@@ -100,7 +103,7 @@ class SizePlan:
 
 
 def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, list[float]]:
-    """Key and numbers of ``KEY=LOW:HIGH``, after which so many ``counts`` may follow.
+    """Parse ``KEY=LOW:HIGH``, or with ``counts`` = 1 ``KEY=LOW:HIGH:COUNT``.
 
     Parameters
     ----------
@@ -108,18 +111,20 @@ def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, 
     name : str
         Of the option or key, for messages.
     form : str
-        What it must be, with an example, for messages.
+        The form that is expected, with an example, for messages.
     counts : int
+        Number of integers that follow LOW and HIGH.
 
     Returns
     -------
-    str
-    list of float
-        LOW, HIGH and counts.
+    key : str
+    numbers : list of float
+        LOW, HIGH and the integers.
 
     Raises
     ------
     InputError
+        If the text has another form, or LOW < HIGH does not hold for finite numbers.
     """
     key, _, written = text.rpartition("=")
     try:
@@ -136,7 +141,8 @@ def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, 
 
 
 def parse_axis(text: str, name: str) -> MapAxis:
-    """Parse ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key. Raises InputError."""
+    """Parse the axis of a map, ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key, for
+    messages. Raises InputError."""
     form = f"KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
     key, (low, high, count) = parse_range(text, name, form, counts=1)
     if not 2 <= count <= _MAX_POINTS:
@@ -145,7 +151,8 @@ def parse_axis(text: str, name: str) -> MapAxis:
 
 
 def parse_variable(text: str, name: str = "--vary") -> Variable:
-    """Parse ``NAME=KEY=LOW:HIGH``; ``name`` is that of the option or key. Raises InputError."""
+    """Parse a design variable, ``NAME=KEY=LOW:HIGH``; ``name`` is that of the option or key, for
+    messages. Raises InputError."""
     form = f"NAME=KEY=LOW:HIGH, as {_VARIABLE_EXAMPLE}"
     both, (low, high) = parse_range(text, name, form)
     own, _, key = (part.strip() for part in both.partition("="))
@@ -155,10 +162,11 @@ def parse_variable(text: str, name: str = "--vary") -> Variable:
 
 
 def check_variables(variables: Sequence[Variable]) -> None:
-    """Check the number and names of design variables. Raises InputError."""
+    """Raise InputError if there are no or too many design variables, or if a name is used twice or
+    is a constant of formulas."""
     known = [one.name for one in variables]
     if not 1 <= len(known) <= MAX_VARIABLES:
-        raise InputError(f"vary: has {len(known)} variables: must be 1 to {MAX_VARIABLES}")
+        raise InputError(f"vary: has {len(known)} variables: must have 1 to {MAX_VARIABLES}")
     if len(set(known)) < len(known):
         raise InputError(f"vary: names a variable twice: {', '.join(known)}")
     if taken := sorted(CONSTANTS.keys() & known):
@@ -166,7 +174,8 @@ def check_variables(variables: Sequence[Variable]) -> None:
 
 
 def cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
-    """Syntax tree of a cost, a formula of the names of the variables. Raises InputError."""
+    """Parse the formula of a cost, of names of design variables, to a syntax tree. Raises
+    InputError if it is no formula, names anything else, or names no variable."""
     known = [one.name for one in variables]
     try:
         tree = parse(minimise)
@@ -181,7 +190,7 @@ def cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
 
 
 def check_subject_to(chosen: Sequence[str], requirements: Sequence[Requirement]) -> None:
-    """Check names of requirements. Raises InputError."""
+    """Raise InputError if one of the names ``chosen`` is not that of a requirement."""
     known = [item.name for item in requirements]
     for name in chosen:
         if name not in known:
@@ -189,8 +198,8 @@ def check_subject_to(chosen: Sequence[str], requirements: Sequence[Requirement])
 
 
 def named_parameters(tree: Mapping[str, Any], scene: Scene, key: str) -> Iterator[Parameter]:
-    """Parameters that a path with wildcards names. Raises UnknownPath, with the path in its
-    message."""
+    """Yield the parameters that a TOML path, in which ``*`` stands for any characters of a name,
+    means. Raises UnknownPath, with the path in its message, if there are none or one is wrong."""
     keys = matching_keys(dict(tree), key)
     if not keys:
         raise UnknownPath(f"{key}: no table has such a name")
@@ -202,7 +211,8 @@ def named_parameters(tree: Mapping[str, Any], scene: Scene, key: str) -> Iterato
 
 
 def read_map(tree: Any, scene: Scene, problems: Problems) -> MapPlan | None:
-    """Convert ``[map]`` of a whole tree; None without one, and if there were problems."""
+    """Parse the table ``[map]`` in the TOML tree of a campaign. None if there is none, or after
+    adding problems."""
     table = read_table(MapTable, tree["map"], "map", problems) if "map" in tree else None
     if table is None:
         return None
@@ -223,7 +233,8 @@ def read_map(tree: Any, scene: Scene, problems: Problems) -> MapPlan | None:
 def read_size(
     tree: Any, scene: Scene, requirements: Sequence[Requirement], problems: Problems
 ) -> SizePlan | None:
-    """Convert ``[size]`` of a whole tree; None without one, and if there were problems."""
+    """Parse the table ``[size]`` in the TOML tree of a campaign. None if there is none, or after
+    adding problems."""
     written = tree.get("size")
     if isinstance(written, dict) and written.get("subject_to") == "all":
         written = {key: value for key, value in written.items() if key != "subject_to"}
@@ -256,7 +267,8 @@ def read_size(
 
 
 def _note(error: Exception, key_path: str, problems: Problems) -> None:
-    """Note a fault of a key; that of a parser names the key already."""
+    """Add a problem from an error: an UnknownPath gets ``key_path`` in front, the message of an
+    InputError begins with it already."""
     if isinstance(error, UnknownPath):
         problems.add(key_path, str(error.args[0]))
     else:

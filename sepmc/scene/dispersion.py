@@ -1,5 +1,5 @@
-"""Dispersion of one parameter: a distribution resolved against the nominal value, in the unit of
-the TOML key."""
+"""Dispersion of one parameter: its distribution in absolute numbers, in the unit of the TOML key,
+computed from what a file gives and the nominal value."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Dispersion:
     ----------
     parameter : Parameter
     distribution : str
-        One of `DISTRIBUTIONS`, or "given" for the quantiles of a column of samples.
+        One of `DISTRIBUTIONS`, or "given" for quantiles of a column of ``run.samples``.
     numbers : tuple of float
         In the unit of the key. uniform: (low, high); normal: (mean, sigma, truncation in sigma or
         inf); triangular: (low, mode, high); discrete: the values; constant: (value,); given:
@@ -60,7 +60,8 @@ class Dispersion:
 
     @property
     def support(self) -> tuple[float, float]:
-        """Smallest and largest possible value, in the unit of the key."""
+        """Smallest and largest possible value, in the unit of the key; infinite for a normal
+        distribution without truncation."""
         if self.distribution == "normal":
             mean, sigma, cut = self.numbers
             reach = sigma * cut if sigma > 0.0 else 0.0
@@ -69,7 +70,8 @@ class Dispersion:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """The support, limited to 3 sigma for a normal distribution without truncation."""
+        """Smallest and largest value to expect, in the unit of the key: the `support`, or mean -+ 3
+        sigma for a normal distribution without truncation."""
         if self.distribution == "normal" and math.isinf(self.numbers[2]):
             mean, sigma, _ = self.numbers
             return mean - 3.0 * sigma, mean + 3.0 * sigma
@@ -77,8 +79,8 @@ class Dispersion:
 
     @property
     def has_tails(self) -> bool:
-        """True for a normal distribution without truncation, if the parameter is a field of the
-        model: its tails may leave the bounds of the field."""
+        """True for a normal distribution without truncation of a parameter that is a field of the
+        model: the field may have bounds, which values in the tails violate."""
         return (
             self.distribution == "normal"
             and math.isinf(self.numbers[2])
@@ -86,9 +88,9 @@ class Dispersion:
         )
 
     def beyond(self) -> tuple[float, float]:
-        """Probability of the values outside the bounds of the parameter, and the distance, in
-        sigma, from the mean to the nearest of them (infinite if there are none), of a distribution
-        that `has_tails`."""
+        """Probability of values outside the bounds of the parameter, and the distance, in sigma,
+        from the mean to the nearest of them: infinite if there are none, 0 if the mean is one. For
+        distributions with `has_tails` only."""
         mean, sigma = self.numbers[:2]
 
         def fits(z: float) -> bool:
@@ -109,7 +111,8 @@ class Dispersion:
         return probability, nearest if fits(0.0) else 0.0
 
     def allowed(self, values: np.ndarray) -> np.ndarray:
-        """Mask (n,) of the values (n,), in the unit of the key, that the parameter may have."""
+        """Mask (n,), True where ``values`` (n,), in the unit of the key, are finite and within the
+        bounds of the parameter."""
         field = self.parameter.field
         return (
             np.isfinite(values)
@@ -124,7 +127,8 @@ def resolve(
     problems: Problems,
     table: InputTable | None = None,
 ) -> tuple[Dispersion, ...]:
-    """Resolve the distributions of a file against the scene's nominal values.
+    """Convert the distributions of a file, which may be relative to nominal values, to dispersions
+    in absolute numbers.
 
     Parameters
     ----------
@@ -134,7 +138,8 @@ def resolve(
     problems : Problems
         Receives every problem; a distribution with one is left out of the result.
     table : InputTable, optional
-        The table that ``run.samples`` names; its columns replace distributions.
+        The table that ``run.samples`` names. A parameter whose column is in it takes its values
+        from there, not from its distribution.
 
     Returns
     -------
@@ -161,7 +166,7 @@ def resolve(
             problems.add(
                 key_path,
                 f"would have the column {column}, which {key_of_column[column]!r} has: rename one "
-                "of their tables",
+                "of the two tables that they are in",
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key
@@ -182,14 +187,15 @@ def _from_column(
     key_path: str,
     problems: Problems,
 ) -> Dispersion | None:
-    """Dispersion from a column of the samples: the one that the file names, or that with the name
-    of the parameter's own column. None, with the problem noted, without a valid column."""
+    """Dispersion from a column of the table of samples: the ``column`` that the distribution names,
+    else the one named like the parameter's column. None, after adding a problem, if it is not
+    valid."""
     if distribution.column is not None:
         if _given(distribution) or distribution.weights:
             problems.add(key_path, "give a column of run.samples or a distribution, not both")
             return None
         if table is None:
-            reason = "needs run.samples, the table that has it"
+            reason = "needs run.samples, the table with this column"
             problems.add(f"{key_path}.column", reason, distribution.column)
             return None
     assert table is not None
@@ -200,13 +206,14 @@ def _from_column(
 
 
 def _given(distribution: Distribution) -> list[str]:
-    """Names of the distributions that a table of [dispersion] gives, which must be exactly one."""
+    """Names of the `DISTRIBUTIONS` that an entry of [dispersion] sets; valid is exactly one."""
     return [name for name in DISTRIBUTIONS if getattr(distribution, name) is not None]
 
 
 def is_structure(path: str) -> bool:
-    """Return True for a number that all cases share: run and solver settings, signs, the
-    zero of alpha_ref."""
+    """True if the number at a path cannot be dispersed, because all cases share it: run and solver
+    settings, clearances, outputs, ``apart`` and ``kind`` of a joint, numbers of pins, and
+    ``initial.path_reference``."""
     parts = path.split(".")
     return (
         parts[0] in ("run", "solver", "clearance", "output")
@@ -219,8 +226,8 @@ def is_structure(path: str) -> bool:
 def _from_distribution(
     spec: Distribution, parameter: Parameter, nominal: float, key_path: str, problems: Problems
 ) -> Dispersion | None:
-    """Dispersion from the numbers of a file, about a nominal in the unit of the key. None, with the
-    problem noted, if they are not valid."""
+    """Dispersion from the distribution ``spec`` of a file; ``nominal`` is the parameter's nominal
+    value in the unit of its key. None, after adding a problem, if the distribution is not valid."""
     names = _given(spec)
     if len(names) != 1:
         problems.add(

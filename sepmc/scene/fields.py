@@ -1,4 +1,5 @@
-"""Fields of the model: quantity, accepted TOML keys, conversion and checks of values."""
+"""Fields of the structs of `sepmc.scene.model`: their kind of quantity, the TOML keys that set
+them, and the conversion and checks of values."""
 
 import copyreg
 import dataclasses
@@ -18,12 +19,13 @@ from sepmc.scene.units import UNITS
 
 
 def _make_constraint(arguments: dict[str, Any]) -> msgspec.Meta:
-    """Constraint from its arguments, for unpickling."""
+    """Make a constraint (msgspec.Meta) from its arguments; pickle calls this to load one."""
     return msgspec.Meta(**arguments)
 
 
 def _reduced(meta: msgspec.Meta) -> tuple[Any, tuple[dict[str, Any]]]:
-    """Constructor and arguments of a constraint, for pickling."""
+    """Return the constructor of a constraint and its arguments, as pickle needs them to store
+    it."""
     arguments = {name: getattr(meta, name) for name in _CONSTRAINTS}
     set_ones = {name: value for name, value in arguments.items() if value is not None}
     return _make_constraint, (set_ones,)
@@ -36,7 +38,7 @@ copyreg.pickle(msgspec.Meta, _reduced)
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a table of the model.
+    """One field of a struct of the model, and the TOML keys that set it.
 
     Attributes
     ----------
@@ -48,11 +50,12 @@ class Field:
     quantity : Quantity
         Kind of quantity, which determines the units, and component names of a vector.
     required : bool
-        Whether the key must be given.
+        True if a file must give the key.
     default : any
         Value if the key is not given, in SI.
     instead : type or None
-        Table that may replace the number, under the field's name without a unit.
+        Struct of a table that a file may give in place of the number; its key is the field's name
+        without a unit.
     """
 
     name: str
@@ -65,7 +68,7 @@ class Field:
 
     @property
     def spellings(self) -> list["Field"]:
-        """The field and, if a table may replace its number, a field for that table."""
+        """This field and, if a table may replace its number, a second field for that table."""
         if self.instead is None:
             return [self]
         table = dataclasses.replace(
@@ -75,26 +78,28 @@ class Field:
 
     @property
     def units(self) -> dict[str, float]:
-        """Units of its quantity with their factors to SI; empty if dimensionless."""
+        """Unit suffixes of the field's quantity with their factors to SI; empty if it has no
+        unit."""
         return UNITS.get(self.quantity.kind, {})
 
     @property
     def keys(self) -> dict[str, float]:
-        """Accepted TOML keys with their factors to SI."""
+        """TOML keys that set the field, such as ``mass_kg`` and ``mass_lb``, with the factors from
+        their unit to SI."""
         if not self.units:
             return {self.name: 1.0}
         return {f"{self.name}_{unit}": factor for unit, factor in self.units.items()}
 
     def component(self, number: int) -> "Field | None":
-        """Field of the component ``number`` (from 0) of a vector; None if it has no bounds of its
-        own."""
+        """Field whose type is that of the component ``number`` (from 0) of this vector; None if the
+        component has no bounds."""
         kinds = get_args(self.bare)
         kind = kinds[0] if ... in kinds else kinds[number]
         return dataclasses.replace(self, type=kind) if _bounds(kind) else None
 
     @property
     def table(self) -> type[msgspec.Struct] | None:
-        """Type of the nested table, if the field is one."""
+        """Struct of the field's value if that is a single table; else None."""
         return (
             self.bare
             if isinstance(self.bare, type) and issubclass(self.bare, msgspec.Struct)
@@ -103,16 +108,19 @@ class Field:
 
     @property
     def table_of_tables(self) -> type[msgspec.Struct] | None:
-        """Type of the entries, if the field is a table of tables by name."""
+        """Struct of the entries if the field's value is a table of tables by name ([body.NAME]);
+        else None."""
         return self._container(dict)
 
     @property
     def array_of_tables(self) -> type[msgspec.Struct] | None:
-        """Type of the entries, if the field is an array of tables."""
+        """Struct of the entries if the field's value is an array of tables ([[motor]]); else
+        None."""
         return self._container(tuple)
 
     def _container(self, origin: type) -> type[msgspec.Struct] | None:
-        """Type of the entries of a dict or tuple of tables."""
+        """Struct of the entries if the field's type is a dict or tuple (``origin``) of structs;
+        else None."""
         if get_origin(self.bare) is not origin:
             return None
         inner = get_args(self.bare)[1 if origin is dict else 0]
@@ -121,7 +129,8 @@ class Field:
 
 @functools.cache
 def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
-    """Fields of a table of the model that keys set, by name, in the order of declaration."""
+    """Fields of a struct of the model by name, in the order of declaration, without those that no
+    key sets (`Derived`)."""
     hints = get_type_hints(kind, include_extras=True)
     result = {}
     for info in msgspec.structs.fields(kind):
@@ -142,7 +151,8 @@ def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
 
 
 def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
-    """Field and factor to SI of every TOML key that fields accept."""
+    """For every TOML key that sets one of the fields: the field, or the field of the table in its
+    place, and the factor to SI."""
     return {
         key: (spelling, factor)
         for field in fields.values()
@@ -152,7 +162,8 @@ def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
 
 
 def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
-    """A type without the table that may replace it, and that table."""
+    """Split an annotation such as ``Time | Ignition`` into the type of the number and the struct of
+    the table that may replace it; None for the struct if there is none."""
     options = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else ()
     tables = [a for a in options if isinstance(a, type) and issubclass(a, msgspec.Struct)]
     others = [a for a in options if a not in tables and a is not type(None)]
@@ -160,7 +171,8 @@ def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
 
 
 def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
-    """A type without ``| None`` and ``Annotated``, and its quantity."""
+    """Strip ``| None`` and ``Annotated`` from an annotation; returns the bare type and the
+    annotated quantity, None if there is none."""
     if get_origin(annotation) in (Union, types.UnionType):
         options = [a for a in get_args(annotation) if a is not type(None)]
         if len(options) == 1:
@@ -175,8 +187,8 @@ def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
 
 
 def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the values (n,) that are finite and within the bounds of an annotated type;
-    agrees with `convert`."""
+    """Mask (n,), True where ``values`` (n,), in SI, are finite and within the bounds of an
+    annotated type; these are the values that `convert` accepts."""
     fits = np.isfinite(values)
     for bound in _bounds(kind):
         fits &= values > bound.gt if bound.gt is not None else True
@@ -187,7 +199,7 @@ def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
 
 
 def _bounds(annotation: Any) -> list[msgspec.Meta]:
-    """All bounds of a type, nested ones included."""
+    """Constraints (msgspec.Meta) of an annotated type, also those of its nested types."""
     bounds = (
         [extra for extra in get_args(annotation)[1:] if isinstance(extra, msgspec.Meta)]
         if get_origin(annotation) is Annotated
@@ -202,8 +214,8 @@ def _bounds(annotation: Any) -> list[msgspec.Meta]:
 
 
 def to_si(value: Any, factor: float) -> Any:
-    """Scale a number or a nested list of numbers; other values stay, for the type check. Overflow
-    gives infinity."""
+    """Multiply a number, or all numbers in nested lists, by ``factor``; other values are returned
+    unchanged, for a later type check. Overflow gives infinity."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):
@@ -217,7 +229,7 @@ def to_si(value: Any, factor: float) -> Any:
 
 
 def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
-    """Convert one value to ``kind``.
+    """Convert a value of a TOML file to a type of the model and check its constraints.
 
     Parameters
     ----------
@@ -229,9 +241,9 @@ def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
     Returns
     -------
     value : any
-        None if it does not fit.
+        The converted value; None if it does not fit.
     allowed : str or None
-        What is allowed, if it does not fit.
+        Text on what is allowed, "must be > 0", if it does not fit; else None.
     """
     try:
         return msgspec.convert(value, kind), None
@@ -241,7 +253,7 @@ def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
 
 
 def _options(kind: Any) -> list[str]:
-    """Options of a choice; empty for other types."""
+    """Allowed values of a Literal type, as texts; empty for other types."""
     bare, _ = _unwrap(kind)
     return [str(option) for option in get_args(bare)] if get_origin(bare) is Literal else []
 
@@ -253,7 +265,7 @@ _WORDS = {
     "`int` >= 0": "must be >= 0",
     "`int` >= 1": "must be >= 1",
     "`float` <= 3.14": "must be at most 180 deg (an angle between two attitudes is no larger)",
-    "`str` of length <= ": "a name has at most 64 letters",
+    "`str` of length <= ": "a name has at most 64 characters",
     "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }
 _TYPES = {
@@ -267,7 +279,7 @@ _TYPES = {
 
 
 def _plain(message: str) -> str:
-    """Message of msgspec in the words of this package."""
+    """Translate an error message of msgspec to plain words: "must be a number, got text"."""
     text = message.split(" - at ", maxsplit=1)[0].replace("Expected ", "")
     for ours, plain in _WORDS.items():
         if text.startswith(ours):

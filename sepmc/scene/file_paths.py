@@ -1,4 +1,4 @@
-"""Files that a campaign names: they lie beside it, or in a folder there."""
+"""Files that a campaign file names: they must lie in its folder or in a folder below it."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,20 +9,21 @@ from sepmc.wording import setting
 
 
 class FileReader(Protocol):
-    """Reads the files that the tables of a campaign name."""
+    """Function that reads the files which the tables of a campaign name."""
 
     def __call__(self, tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
-        """Replace each key ``file`` in ``tree`` by the contents of that file; relative paths begin
-        at ``folder``. Return sentences on what was read."""
+        """Replace each key ``file`` in ``tree``, in place, by keys with the contents of that file;
+        relative paths begin at ``folder``. Adds problems, and returns sentences on what was
+        read."""
 
 
 def check_paths(tree: dict[str, Any], path: Path) -> None:
-    """Reject files outside the folder of the campaign file, which may be untrusted.
+    """Check that a campaign file, which may be untrusted, names no file outside its folder.
 
     Parameters
     ----------
     tree : dict
-        Tables of the campaign file.
+        TOML tree of the campaign file.
     path : Path
         Path of that file.
 
@@ -39,12 +40,13 @@ def check_paths(tree: dict[str, Any], path: Path) -> None:
             is_beside = False
         if not is_beside:
             reason = "must lie beside the campaign, or in a folder there"
-            any_other = f"{setting(key_path, 'PATH')} takes any"
+            any_other = f"{setting(key_path, 'PATH')} takes any path"
             raise SceneError([f"{path.name}: {key_path} = {shorten(file)}: {reason}; {any_other}"])
 
 
 def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """TOML paths and values of the keys that name files."""
+    """Yield the TOML path and the value of each key that names a file: ``file`` in any table, and
+    ``run.samples``."""
     stack: list[tuple[str, Any]] = [("", tree)]
     while stack:
         parent, node = stack.pop()
@@ -64,20 +66,20 @@ def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Settings with the absolute path of each file that lies in the working folder and not beside
-    the campaign.
+    """Make paths of files in settings absolute where the file exists relative to the working folder
+    but not relative to the folder of the campaign.
 
     Parameters
     ----------
     settings : dict
-        Values by TOML path; those of keys ``file`` name files.
+        Values by TOML path; keys ``file`` in them, at any depth, name files.
     folder : Path
         Folder of the campaign file.
 
     Returns
     -------
     dict
-        A copy; other values are as they were.
+        A copy of the settings in which all other values are unchanged.
     """
 
     def located(key: str, value: Any) -> Any:

@@ -62,26 +62,27 @@ _TOKEN = re.compile(
 
 
 class FormulaError(ValueError):
-    """A text that is no formula; the message is the reason and what is allowed."""
+    """Raised for a text that is no formula; the message is the reason and what is allowed."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number."""
+    """Node of a syntax tree: a constant number."""
 
     value: float
 
 
 @dataclass(frozen=True)
 class Name:
-    """A quantity by its name, such as ``upper.pitch_deg``."""
+    """Node of a syntax tree: the value of a name, such as ``upper.pitch_deg``."""
 
     path: str
 
 
 @dataclass(frozen=True)
 class Call:
-    """A function or operator of nodes. ``min`` and ``max`` have two arguments."""
+    """Node of a syntax tree: a function or operator, by its name in formulas, applied to other
+    nodes. ``min`` and ``max`` have two arguments here."""
 
     function: str
     arguments: tuple["Node", ...]
@@ -92,7 +93,7 @@ Node = Number | Name | Call
 
 @lru_cache(maxsize=1024)
 def parse(text: str) -> Node:
-    """Parse a formula.
+    """Parse the text of a formula to a syntax tree.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ def parse(text: str) -> Node:
     Returns
     -------
     Number, Name or Call
-        A number, not a condition; parts without names are computed.
+        Root of the tree; its value is a number, not a condition. Parts without names are replaced
+        by their value.
 
     Raises
     ------
@@ -126,8 +128,9 @@ def parse(text: str) -> Node:
 
 
 def _python_text(text: str) -> str:
-    """Text of a formula as a Python expression: names that are words of Python are marked. Raises
-    FormulaError if it is too long, nested too deep, or has characters that no formula has."""
+    """Text of a formula as a Python expression, in which names that are keywords of Python have a
+    mark (`_marked`). Raises FormulaError if the text is empty, too long, nested too deep, or has
+    characters that no formula has."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"has {len(text):,} characters: must have at most {MAX_TEXT:,}")
     if not text.strip():
@@ -157,15 +160,16 @@ def _python_text(text: str) -> str:
 
 
 def _marked(name: str) -> str:
-    """Dotted name with a mark appended to each part that is a keyword of Python; ``and``, ``or``
-    and ``not`` stay."""
+    """Dotted name with `_MARK` appended to each part that is a keyword of Python, so that Python
+    parses it as a name. The operators ``and``, ``or`` and ``not`` get none."""
     if name in ("and", "or", "not"):
         return name
     return ".".join(part + _MARK * keyword.iskeyword(part) for part in name.split("."))
 
 
 def _node(tree: ast.expr, depth: int) -> Node:
-    """Node of a Python expression; FormulaError if it is not on the list of those allowed."""
+    """Convert a Python expression, nested ``depth`` deep in the formula, to a node. Raises
+    FormulaError if it is of a kind that formulas do not have."""
     if depth > MAX_DEPTH:
         raise FormulaError(f"must be nested at most {MAX_DEPTH} deep")
 
@@ -183,7 +187,8 @@ def _node(tree: ast.expr, depth: int) -> Node:
 
 
 def _operator(tree: ast.expr, depth: int, inner: Callable[..., tuple[Node, ...]]) -> Node:
-    """Node of an operator or a comparison; ``inner`` gives the nodes of its operands."""
+    """Convert a Python operator or comparison to a node. ``inner`` converts operands, one level
+    deeper than ``depth``. Raises FormulaError for other expressions."""
     if isinstance(tree, ast.UnaryOp):
         if isinstance(tree.op, ast.UAdd):
             return _numeric("+", inner(tree.operand))[0]
@@ -202,7 +207,7 @@ def _operator(tree: ast.expr, depth: int, inner: Callable[..., tuple[Node, ...]]
 
 
 def _number(value: object) -> Number:
-    """Node of a constant; raises FormulaError if it is no finite number."""
+    """Convert a Python constant to a node. Raises FormulaError if it is no finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise FormulaError(f"has {value!r}, which is no number")
     try:
@@ -210,12 +215,13 @@ def _number(value: object) -> Number:
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise FormulaError("has a number that is too large: at most 1.8e308")
+        raise FormulaError("has a number that is too large: must be at most 1.8e308")
     return Number(number)
 
 
 def _path(tree: ast.expr) -> str:
-    """Dotted name of an expression."""
+    """Dotted name, without marks, of a Python name or attribute. Raises FormulaError for an
+    attribute of anything else."""
     parts: list[str] = []
     while isinstance(tree, ast.Attribute):
         parts.insert(0, tree.attr)
@@ -226,9 +232,9 @@ def _path(tree: ast.expr) -> str:
 
 
 def _function(name: str, arguments: tuple[Node, ...]) -> Node:
-    """Node of a function by its name: ``clip``, and ``min`` and ``max`` of more than two, become
-    nested calls. Raises FormulaError for an unknown function, or a wrong number or type of
-    arguments."""
+    """Node of the function ``name`` applied to arguments. ``clip``, and ``min`` and ``max`` of more
+    than two arguments, become nested calls. Raises FormulaError for an unknown function, or a wrong
+    number or type of arguments."""
     if name not in FUNCTIONS:
         raise FormulaError(f"has {name}(...): functions are {', '.join(FUNCTIONS)}")
     count = FUNCTIONS[name]
@@ -250,7 +256,8 @@ def _function(name: str, arguments: tuple[Node, ...]) -> Node:
 
 
 def _joined(function: str, conditions: tuple[Node, ...]) -> Node:
-    """Nested calls that join conditions by ``and`` or ``or``, from left to right."""
+    """Node that joins two or more conditions by "and" or "or" (``function``), as nested calls from
+    left to right; a single condition is returned as it is."""
     result, *others = conditions
     for other in others:
         result = _call(function, (result, other))
@@ -258,14 +265,17 @@ def _joined(function: str, conditions: tuple[Node, ...]) -> Node:
 
 
 def _numeric(function: str, arguments: tuple[Node, ...]) -> tuple[Node, ...]:
-    """The arguments as they are; raises FormulaError if one is a condition."""
+    """Return the arguments unchanged. Raises FormulaError, which names ``function``, if one of them
+    is a condition."""
     if any(map(is_condition, arguments)):
         raise FormulaError(f"has {function!r} of a condition, which is no number: use where")
     return arguments
 
 
 def _call(function: str, arguments: tuple[Node, ...]) -> Node:
-    """Call whose arguments have the right types; computed if they are all numbers."""
+    """Node of a function or operator applied to arguments; if these are constants and the result is
+    a number, the node is its value. Raises FormulaError for a condition in place of a number or the
+    reverse, and for a value that is undefined."""
     numbers = arguments
     if function == "where":
         numbers = arguments[1:]
@@ -287,19 +297,20 @@ def _call(function: str, arguments: tuple[Node, ...]) -> Node:
 
 
 def apply(function: str, arguments: tuple[Node, ...]) -> Node:
-    """Node of a function or operator of nodes; raises FormulaError if it does not take them."""
+    """Node of a function or operator, by its name in formulas, applied to nodes. Raises
+    FormulaError if it does not take this number or type of arguments."""
     if function in FUNCTIONS:
         return _function(function, arguments)
     return _call(function, arguments)
 
 
 def is_condition(node: Node) -> bool:
-    """True if a node is a condition, not a number."""
+    """True if the value of a node is a condition (true or false), not a number."""
     return isinstance(node, Call) and node.function in _CONDITIONS
 
 
 def walk(node: Node) -> Iterator[Node]:
-    """Nodes of a tree, arguments before the calls that use them."""
+    """Yield all nodes of a syntax tree, arguments before the calls that use them."""
     if isinstance(node, Call):
         for argument in node.arguments:
             yield from walk(argument)
@@ -307,12 +318,12 @@ def walk(node: Node) -> Iterator[Node]:
 
 
 def names(node: Node) -> list[str]:
-    """Names in a tree, in order and without repetition."""
+    """Names of the quantities in a syntax tree, in order of appearance and without repetition."""
     return list(dict.fromkeys(one.path for one in walk(node) if isinstance(one, Name)))
 
 
 def may_be_undefined(node: Node) -> bool:
-    """True if a tree has a function that is undefined, or overflows, for some arguments."""
+    """True if a syntax tree has a function that is undefined, or overflows, for some arguments."""
     return any(isinstance(one, Call) and one.function in _PARTIAL for one in walk(node))
 
 
@@ -349,13 +360,13 @@ _VALUES: dict[str, Callable[..., Any]] = {
 
 
 def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
-    """Value of a formula.
+    """Compute the value of a formula from its syntax tree.
 
     Parameters
     ----------
     node : Number, Name or Call
     values : mapping of str to float or ndarray, shape (n,)
-        Value of each of its `names`.
+        Value of each name in the tree (`names`), in the unit of the name.
 
     Returns
     -------
@@ -369,7 +380,8 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
 
 
 def _value(node: Node, values: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Value of a node, and a mask that is true where it is undefined."""
+    """Value of a node, float or (n,), and a mask of the same shape that is true where the value is
+    undefined. In ``where`` only the chosen branch counts."""
     if isinstance(node, Number):
         return node.value, np.False_
     if isinstance(node, Name):

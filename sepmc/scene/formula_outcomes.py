@@ -10,8 +10,9 @@ _TAKEN = ("case", "status", "pi", VIOLATION, *NOT_OK_LABELS)
 
 
 def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
-    """Note ``[[outcome]]`` tables with an unknown unit or a name that is taken, and formulas that
-    cannot be read or name anything but outcomes before them."""
+    """Add a problem for each ``[[outcome]]`` with an unknown unit or a reserved column name, or
+    whose formula cannot be parsed or names anything but outcomes before it. If a unit is unknown,
+    only units are checked."""
     if any(one.unit not in FORMULA_UNITS for one in scene.outcome):
         for one in scene.outcome:
             if one.unit not in FORMULA_UNITS:
@@ -21,7 +22,7 @@ def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Pr
     columns = [column.name for column in outcome_columns(contents(scene, dispersed))]
     for end, one in enumerate(scene.outcome, len(columns) - len(scene.outcome)):
         if columns[end] in _TAKEN or columns[end].startswith("in_"):
-            reason = f"its column would be {columns[end]}, a name with a meaning: choose another"
+            reason = f"its column would be {columns[end]}, a reserved name: choose another"
             problems.add(f"outcome.{one.name}.name", reason, one.name)
         key_path = f"outcome.{one.name}.formula"
         try:

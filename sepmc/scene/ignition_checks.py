@@ -1,4 +1,5 @@
-"""Checks of motors that ignite at an event, a release or a joint: it exists and can occur."""
+"""Checks of motors that an event, a release or a joint ignites: this trigger must exist and be able
+to occur."""
 
 from collections.abc import Iterator
 
@@ -11,7 +12,8 @@ _TRIGGERS = ("event", "release", "joint")
 
 
 def check_ignitions(scene: Scene, problems: Problems) -> None:
-    """Check the events, releases and joints that trigger motors."""
+    """Add a problem for each motor whose trigger is not valid, or can never occur because it waits
+    for a burn-out that in turn needs this motor."""
     for motor in scene.motor:
         if motor.trigger is not None:
             _check_trigger(f"motor.{motor.name}.ignition", motor.trigger, scene, problems)
@@ -27,7 +29,8 @@ def check_ignitions(scene: Scene, problems: Problems) -> None:
 
 
 def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Problems) -> None:
-    """Check that a trigger names one event, release or joint, and a joint that becomes free."""
+    """Add a problem unless a trigger names exactly one event, release or joint, which exists; a
+    joint must be constrained at first and become free later."""
     keys = [key for key in _TRIGGERS if getattr(trigger, key) is not None]
     if len(keys) != 1:
         others = f", not {' and '.join(keys)}" if keys else ""
@@ -50,12 +53,12 @@ def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Pro
 
 
 def _is_free(scene: Scene, joint: str, kind: str) -> bool:
-    """True if a joint of this kind has no constraint rows."""
+    """True if a kind of a joint has no constraint rows."""
     return not rows_of(scene.joint[joint], kind)
 
 
 def _later_kinds(scene: Scene, joint: str) -> Iterator[str]:
-    """Kinds of a joint in later phases and after releases."""
+    """Yield the kinds of a joint in all phases but the first, and those that releases give it."""
     for phase in scene.phase[1:]:
         yield phase.joints.get(joint, "free")
     for release in scene.release:
@@ -64,8 +67,8 @@ def _later_kinds(scene: Scene, joint: str) -> Iterator[str]:
 
 
 def _motors_that_may_light(scene: Scene) -> set[str]:
-    """Motors that can ignite: those without a trigger, then repeatedly those whose trigger can
-    occur once these burn."""
+    """Names of the motors that can ignite: those without a trigger, and, until no more are added,
+    those whose trigger can occur if the motors found so far burn."""
     motors = {motor.name for motor in scene.motor if motor.trigger is None}
     while True:
         triggers = _triggers_that_may_occur(scene, motors)
@@ -81,8 +84,8 @@ def _motors_that_may_light(scene: Scene) -> set[str]:
 
 
 def _triggers_that_may_occur(scene: Scene, motors: set[str]) -> set[tuple[str, str]]:
-    """Events and releases that can occur, and joints that can become free, if only these motors can
-    ignite."""
+    """Events and releases that can occur, and joints that can become free, if only ``motors`` can
+    ignite: pairs such as ("event", name)."""
     triggers = {("event", one.name) for one in scene.event if _may_be_met(one.when, motors)}
     releases = [one for one in scene.release if _may_be_met(one.when, motors)]
     triggers |= {("release", one.name) for one in releases}
@@ -95,8 +98,8 @@ def _triggers_that_may_occur(scene: Scene, motors: set[str]) -> set[tuple[str, s
 
 
 def _may_be_met(until: Condition, motors: set[str]) -> bool:
-    """True if a condition can be met if only these motors can ignite: all but burn-outs of
-    others can."""
+    """True if a condition can be met when only ``motors`` can ignite. Conditions on anything but a
+    burn-out are taken to be possible."""
     keys = (
         "time",
         "spring",

@@ -15,14 +15,20 @@ _ALONG = 1e-9  # relative: a smaller rate about a constrained axis is round-off
 def initial_rates(
     scene: Scene, dispersed: frozenset[str] = frozenset()
 ) -> Iterator[tuple[str, set[str]]]:
-    """Yield joints with an initial relative rate, nominal or dispersed, and the bodies that it
-    rotates: all connected to the second body of the joint.
+    """Yield the joints with an initial relative rate (``omega``), nominal or dispersed.
 
     Parameters
     ----------
     scene : Scene
     dispersed : frozenset of str
         Paths of dispersed parameters.
+
+    Yields
+    ------
+    joint : str
+    rotated : set of str
+        Names of the bodies that the rate rotates: the second body of the joint, and those that
+        other joints connect to it in the first phase.
     """
     for name, joint in scene.joint.items():
         path = f"joint.{name}.omega."
@@ -31,13 +37,15 @@ def initial_rates(
 
 
 def _rotated_bodies(scene: Scene, joint: str) -> set[str]:
-    """Bodies connected to the second body of a joint in the first phase by other joints."""
+    """Names of the second body of a joint and of those that other joints connect to it in the first
+    phase."""
     groups = connected_bodies(scene, scene.phase[0], without=joint)
     return next(group for group in groups if scene.joint[joint].bodies[1] in group)
 
 
 def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
-    """Note initial rates that a joint constrains, or that do not determine how bodies rotate."""
+    """Add a problem for each initial rate that would rotate the ground, that other joints between
+    the two bodies prevent, or that has, or would vary in, a component that the joint constrains."""
     for name, rotated in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
         key_path, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
@@ -49,7 +57,8 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
         elif first in rotated:
             problems.add(
                 key_path,
-                f"{first} is connected to the second body by other joints too: they cannot turn",
+                f"{first} is connected to the second body by other joints too, so the two cannot "
+                "rotate relative to each other",
                 rate,
             )
         elif kind in KINDS or kind in joint.kind:
@@ -67,8 +76,8 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
 
 
 def _is_constrained(joint: Joint, kind: str, rate: np.ndarray) -> bool:
-    """True if a rate (3,), joint axes, has a component about an axis that this kind of the joint
-    constrains."""
+    """True if an angular rate (3,), in joint axes, has a component about an axis about which the
+    joint, of this kind, constrains rotation."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     for code in rows_of(joint, kind):
         if at.ROTATION <= code < at.ROD:

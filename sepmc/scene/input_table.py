@@ -1,5 +1,5 @@
-"""Sampled inputs read from a table, a row for each case: written by an upstream campaign or a
-design of experiments."""
+"""Sampled inputs of a campaign (``run.samples``) in memory: a table with a row for each case, as
+another campaign or a design of experiments wrote it."""
 
 import hashlib
 from collections.abc import Iterable
@@ -17,10 +17,10 @@ _KNOTS = 257  # quantiles kept of a column with more values
 
 
 class Reader(Protocol):
-    """Reads a table of sampled inputs."""
+    """Function that reads the file of a table of sampled inputs."""
 
     def __call__(self, path: Path, problems: Problems) -> "InputTable | None":
-        """Return the table in the file at ``path``; None, with the problems noted, on failure."""
+        """Return the table in the file at ``path``; on failure None, after adding problems."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +31,12 @@ class InputTable:
     ----------
     path : Path
     numbers : ndarray (n,)
-        Case numbers of the rows, rising.
+        Case number of each row, rising.
     columns : dict of ndarray (n,)
         Numeric columns by name.
     words : dict of str
-        Columns that are not numeric, by name, each with a text on its first value that is no
-        number.
+        For each column that is not numeric, by name, a text for messages on its first value that is
+        no number.
     rows_in_file : ndarray (n,), optional
         Index in the file, from 0, of each row.
     """
@@ -52,8 +52,8 @@ class InputTable:
         return name in self.columns or name in self.words
 
     def rows(self, first: int, count: int) -> np.ndarray:
-        """Row indices (count,) of the cases ``first`` to ``first + count - 1``. Raises KeyError
-        with the first case that has no row."""
+        """Indices (count,) in this table of the rows of the cases ``first`` to ``first + count -
+        1``. Raises KeyError, whose argument is the first case number without a row."""
         cases = np.arange(first, first + count)
         rows = np.minimum(np.searchsorted(self.numbers, cases), len(self.numbers) - 1)
         exists = self.numbers[rows] == cases
@@ -62,15 +62,17 @@ class InputTable:
         raise KeyError(int(cases[~exists][0]))
 
     def digest(self, names: Iterable[str]) -> str:
-        """Digest of the case numbers and of some columns, 16 hexadecimal digits."""
+        """SHA-256 digest, cut to 16 hexadecimal digits, of the case numbers and of the columns of
+        these names."""
         digest = hashlib.sha256(np.ascontiguousarray(self.numbers, dtype=np.int64).tobytes())
         for name in names:
             digest.update(name.encode() + np.ascontiguousarray(self.columns[name]).tobytes())
         return digest.hexdigest()[:16]
 
     def distribution(self, name: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-        """Empirical distribution of a column, as name, numbers and weights of a `Dispersion`:
-        discrete for few values, else quantiles at equal steps of probability."""
+        """Empirical distribution of a column, as ``distribution``, ``numbers`` and ``weights`` of a
+        `Dispersion`: "discrete" for up to 16 distinct values, else "given", with 257 quantiles at
+        equal steps of probability."""
         values, counts = np.unique(self.columns[name], return_counts=True)
         if len(values) <= _FEW:
             return "discrete", tuple(values.tolist()), tuple(counts.astype(float).tolist())
@@ -79,8 +81,8 @@ class InputTable:
 
 
 def _line_of(table: InputTable, row: int) -> int:
-    """Number, from 1, of the line of a row of a table in its text file, whose first lines may be
-    comments; 0 for other files and if it cannot be read again."""
+    """Line number, from 1, that a row of the table (by index) has in its text file, which is read
+    again. 0 for Parquet files, without ``rows_in_file``, and if the file cannot be read."""
     if table.rows_in_file is None or table.path.suffix.lower() == ".parquet":
         return 0
     left, has_header = int(table.rows_in_file[row]), False
@@ -100,7 +102,8 @@ def _line_of(table: InputTable, row: int) -> int:
 
 
 def check_column(table: InputTable, name: str, key_path: str, problems: Problems) -> bool:
-    """Return True if a table has a column of finite numbers; else note the problem."""
+    """True if the column ``name`` of a table exists and has only finite numbers; else False, after
+    adding a problem at ``key_path``."""
     if name not in table.columns:
         if name in table.words:
             problems.add(key_path, f"column {name} of {table.path.name}: {table.words[name]}")

@@ -1,4 +1,5 @@
-"""Joint kinds as sets of constraint rows."""
+"""Joint kinds as sets of constraint rows, each an integer code (`sepmc.routines.layout`): 0, 1, 2
+for translation along the joint axis x, y, z, others for rotations and for a rod."""
 
 import numpy as np
 
@@ -7,8 +8,8 @@ from sepmc.scene.model import GROUND, Joint, Phase, Scene
 
 
 def _rotation(of_second: int, of_first: int) -> int:
-    """Code of the row that keeps an axis (0: x, 1: y) of the second body perpendicular to an axis
-    of the first."""
+    """Code of the constraint row that keeps a joint axis fixed in the second body perpendicular to
+    one fixed in the first (0: x, 1: y, 2: z)."""
     return at.ROTATION + 3 * of_second + of_first
 
 
@@ -47,7 +48,8 @@ KINDS: dict[str, tuple[int, ...]] = {
 
 
 def rows_of(joint: Joint, kind: str) -> tuple[int, ...]:
-    """Codes of the constraint rows of a joint kind, one of the joint's own or a common one."""
+    """Codes of the constraint rows of a kind, which is one that the joint defines or one of
+    `KINDS`. Raises KeyError if it is neither."""
     custom = joint.kind.get(kind)
     if custom is None:
         return KINDS[kind]
@@ -55,14 +57,15 @@ def rows_of(joint: Joint, kind: str) -> tuple[int, ...]:
 
 
 def is_subset(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
-    """True if the constraints of ``rows`` are implied by those of ``of``."""
+    """True if the constraint rows ``of`` imply all of ``rows`` (codes): each is one of them, or a
+    rotation while ``of`` constrains all three rotations."""
     fixes_rotation = sum(at.ROTATION <= row < at.ROD for row in of) == 3
     return all(row in of or (fixes_rotation and at.ROTATION <= row < at.ROD) for row in rows)
 
 
 def leaves_pins_sliding(rows: tuple[int, ...]) -> bool:
-    """True if rows leave translation along x free, constrain y and z and at least two rotations:
-    guide pins are engaged and slide."""
+    """True if a joint with these constraint rows can have guide pins that slide: translation along
+    x is free, that along y and z and at least two rotations are constrained."""
     return (
         rows.count(1) == rows.count(2) == 1
         and 0 not in rows
@@ -80,13 +83,14 @@ def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarr
 
 
 def mass_centres(scene: Scene, joint: Joint) -> list[tuple[float, float, float]]:
-    """Layout points of the nominal mass centres of a joint's bodies, m; the joint's point for the
-    ground."""
+    """Layout points (m) of the nominal mass centres of a joint's two bodies; for the ground, the
+    point of the joint."""
     return [scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies]
 
 
 def axial_offset(scene: Scene, joint: Joint) -> float:
-    """Offset of the second mass centre of a joint from the first along its x axis, m."""
+    """Offset (m), along the x axis of a joint, of its second body's mass centre from its first
+    body's, by `mass_centres`."""
     first, second = mass_centres(scene, joint)
     x = joint_axes(joint.x_axis, joint.y_axis)[:3]
     return float(
@@ -97,7 +101,8 @@ def axial_offset(scene: Scene, joint: Joint) -> float:
 
 
 def connected_bodies(scene: Scene, phase: Phase, without: str = "") -> list[set[str]]:
-    """Sets of bodies connected by constraining joints in a phase, except the joint ``without``."""
+    """Partition of all bodies and the ground into sets of names: bodies of one set are connected by
+    joints that constrain them in a phase. The joint ``without`` is not counted."""
     groups = [{name} for name in (*scene.body, GROUND)]
     for name, joint in scene.joint.items():
         if name != without and rows_of(joint, phase.joints.get(name, "free")):

@@ -79,8 +79,8 @@ _BETWEEN_KEYS = re.compile(r"[={},\[\]\n]")
 
 
 def read_limited(path: Path, most: int) -> bytes:
-    """Read the bytes of a file. Raises OSError if it cannot be read, ValueError if it is no regular
-    file or has more than ``most`` bytes."""
+    """Return the contents of a file of at most ``most`` bytes. Raises OSError if it cannot be read,
+    ValueError if it is no regular file or is larger."""
     state = path.stat()
     if not stat.S_ISREG(state.st_mode):
         raise ValueError("is no regular file")
@@ -93,8 +93,8 @@ def read_limited(path: Path, most: int) -> bytes:
 
 
 def check_keys(text: str) -> str:
-    """Reason why a TOML text is rejected before it is parsed, a dotted key of too many parts; empty
-    if it is not."""
+    """Return an error text if a TOML text has a dotted key of more than `KEY_PARTS` parts, which
+    would make parsing slow; else an empty string."""
     for piece in _BETWEEN_KEYS.split(text):
         if piece.count(".") > KEY_PARTS and not piece.lstrip().startswith("#"):
             return f"{shorten(piece.strip())}: a key must have at most {KEY_PARTS} parts"
@@ -102,8 +102,8 @@ def check_keys(text: str) -> str:
 
 
 def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
-    """Note values of a TOML or JSON tree that are too large or nested too deep, and texts with
-    control characters or more than ``text`` characters."""
+    """Add problems of a TOML or JSON tree: too many entries, too deep nesting, integers of more
+    than 64 bits, and texts with control characters or more than ``text`` characters."""
     stack: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
     while stack:
         value, key_path, key, depth = stack.pop()
@@ -133,7 +133,8 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
 
 
 def text_fault(text: str, most: int) -> str:
-    """Reason why a text is rejected: too long, or with control characters; empty if it is valid."""
+    """Error text if ``text`` has more than ``most`` characters or control characters; empty if it
+    is valid."""
     if len(text) > most:
         return f"has {len(text):,} characters: must be at most {most:,}"
     return "" if text.isprintable() else "must be text without control characters"

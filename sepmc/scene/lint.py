@@ -1,4 +1,5 @@
-"""Lint of a scene: valid values that are probably mistakes, as sentences with place and value."""
+"""Lint of a scene: a sentence, with key and value, on each valid value that is probably a
+mistake."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -64,23 +65,24 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
 
 
 def _unloading(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each force table that pulls, with a return factor below 1: it can hold
-    bodies at a standstill."""
+    """Yield a sentence on each spring whose force table has negative forces and a return factor
+    below 1: such a spring can keep bodies at a standstill."""
     for spring in scene.spring:
         table = spring.table
         if spring.push_only and spring.force <= 0.0:  # no force then, on either way
             continue
         if table is not None and table.return_factor < 1.0 and min(table.force) < 0.0:
             yield (
-                f"spring.{spring.name}.table: pulls with {-min(table.force):g} N, less on the way "
-                "back by return_factor: against another force such a spring can hold its bodies "
-                "still, which steps do not resolve; give return_factor = 1 or forces >= 0"
+                f"spring.{spring.name}.table: pulls with up to {-min(table.force):g} N while it "
+                "extends, and with return_factor times that while it shortens: against another "
+                "force it can hold its bodies still, which integration steps do not resolve; give "
+                "return_factor = 1 or forces >= 0"
             )
 
 
 def _nearly_level(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each joint whose mass centres are nearly level along its x axis, so that
-    the sign of separation depends on a small offset."""
+    """Yield a sentence on each joint without ``apart`` whose bodies' mass centres have nearly the
+    same position along its x axis: their small offset then decides the sign of separation."""
     for name, joint in scene.joint.items():
         along = axial_offset(scene, joint)
         if joint.apart is None and abs(along) < _LEVEL * math.dist(*mass_centres(scene, joint)):
@@ -93,7 +95,8 @@ def _nearly_level(scene: Scene) -> Iterator[str]:
 
 
 def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
-    """Layout points of a scene, m, by the path of their key."""
+    """Layout points (x, y, z) of a scene, m, by a label for messages: the path of their key, for
+    outlines with the index of the point in brackets."""
     points = {f"body.{name}.cg": body.cg for name, body in scene.body.items()}
     points |= {f"joint.{name}.point": joint.point for name, joint in scene.joint.items()}
     points |= {f"spring.{spring.name}.point": spring.point for spring in scene.spring}
@@ -109,8 +112,8 @@ def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
 
 
 def _far_points(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each layout point far from all others, as with millimetres given as
-    metres."""
+    """Yield a sentence on each layout point far outside the box of all others, as if millimetres
+    were given as metres."""
     points = _points(scene)
     if len(points) < 3:
         return
@@ -122,8 +125,8 @@ def _far_points(scene: Scene) -> Iterator[str]:
         beyond = float(np.maximum(low - at[i], at[i] - high).max())
         if beyond > _FAR * extent:
             yield (
-                f"{name} = {_list(at[i])} m lies {beyond:.3g} m away from all else, which takes "
-                f"{extent:.3g} m: is it in another unit?"
+                f"{name} = {_list(at[i])} m lies {beyond:.3g} m outside the box of all other "
+                f"points, which is {extent:.3g} m long: is it in another unit?"
             )
 
 
@@ -135,14 +138,14 @@ def _off_axis(scene: Scene) -> Iterator[str]:
         aside = math.hypot(body.cg[1], body.cg[2])
         if aside > _BESIDE * length:
             yield (
-                f"body.{name}.cg = {_list(body.cg)} m is {aside:.3g} m beside the axis of a "
-                f"vehicle of {length:.3g} m: is it in another unit?"
+                f"body.{name}.cg = {_list(body.cg)} m is {aside:.3g} m off the axis of a "
+                f"vehicle that is {length:.3g} m long: is it in another unit?"
             )
 
 
 def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each distribution at least as wide, to either side, as its nominal is
-    large; parameters that may have either sign are left out."""
+    """Yield a sentence on each distribution whose half range exceeds the size of the nominal value;
+    parameters that may have either sign are left out."""
     for each in dispersions:
         path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
@@ -153,13 +156,13 @@ def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iter
         if nominal and math.isfinite(nominal) and high - low > 2.0 * _WIDE * abs(nominal):
             yield (
                 f"dispersion of {each.sentence}: reaches {low:.4g} to {high:.4g} about a nominal "
-                f"of {nominal:.4g}; 5 % of the nominal is 0.05 with relative = true"
+                f"of {nominal:.4g}: is a fraction meant? 5 % of it is 0.05 with relative = true"
             )
 
 
 def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on weights below 1, which look like probabilities, that do not add up
-    to 1."""
+    """Yield a sentence on each discrete distribution whose weights are all below 1, like
+    probabilities, but do not add up to 1."""
     for each in dispersions:
         total = sum(each.weights)
         if each.weights and max(each.weights) < 1.0 and abs(total - 1.0) > _ROUNDED:
@@ -172,7 +175,7 @@ def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
     """Yield a sentence on each normal distribution without truncation that puts half a case or
-    more, of ``cases``, outside the bounds of its parameter."""
+    more, expected in a run of ``cases``, outside the bounds of its parameter."""
     for each in dispersions:
         probability, nearest = each.beyond() if each.has_tails else (0.0, math.inf)
         if probability * cases >= _EXPECTED:
@@ -180,7 +183,7 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
             yield (
                 f"dispersion of {each.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}}"
                 f" of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
-                "the key may not have, and are not run (invalid-input): truncate the "
+                "the key may not have, and are not run (status invalid-input): truncate the "
                 "distribution by truncate_sigma"
             )
 
@@ -220,8 +223,9 @@ def _overlaps(scene: Scene) -> Iterator[str]:
 
 
 def _depth(part: Part, solid: Part) -> float:
-    """Largest depth, m, of the edge circles or points of a part inside a solid frustum, or beyond
-    the wall of a hollow one; 0 if there is none."""
+    """Largest depth, m, to which the edge circles or points of ``part`` lie inside the frustum
+    ``solid``, or outside its wall if it is hollow. Zero or negative if none do, or if the two are
+    not compared: a hollow ``part``, or a ``solid`` that is a sector or points."""
     if solid.stations is None or solid.radii is None or part.hollow or solid.sector:
         return 0.0
     at = np.array([*part.points, *_edge_points(part)])
@@ -249,7 +253,8 @@ def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
 
 
 def _springs(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each spring that pushes or pulls its second body toward the first."""
+    """Yield a sentence on each spring with an axis whose initial force drives its second body
+    toward the first."""
     for spring in scene.spring:
         if spring.axis is None or GROUND in spring.bodies or spring.force == 0.0:
             continue
@@ -271,8 +276,8 @@ def _springs(scene: Scene) -> Iterator[str]:
 
 
 def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each pusher that pulls before the end of its stroke, nominally or at an
-    end of a dispersion."""
+    """Yield a sentence on each spring that pushes at first but pulls at the end of its stroke,
+    nominally or with one number at an end of its distribution."""
     by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
         key_path = f"spring.{spring.name}"
@@ -298,7 +303,8 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on wind that has no effect: no atmosphere, or no body with aerodynamics."""
+    """Yield a sentence on wind that has no effect (no atmosphere, or no body with aerodynamics), or
+    whose profile does not cover the initial altitude."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
@@ -323,7 +329,8 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each thrust profile that begins after the ignition."""
+    """Yield a sentence on each thrust profile whose first row is later than the ignition, or even
+    than the end of the burn."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         key_path, profile = f"motor.{motor.name}", motor.profile
@@ -354,7 +361,7 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
         for name in _springs_of(condition):
             spring = next(one for one in scene.spring if one.name == name)
             if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
-                yield f"{key_path}: spring {name} has no stroke_m, so it pushes on and never ends"
+                yield f"{key_path}: spring {name} has no stroke_m, so it pushes on without end"
     for key_path, condition in waiting:
         if _is_past(condition, scene.run.end_time) and f"{key_path}.time" not in varied:
             yield f"{key_path}: comes after the end of the run, {scene.run.end_time:g} s"
@@ -363,7 +370,7 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
     released |= {release.joint for release in scene.release}
     for joint in scene.output.tip_off:
         if joint not in released:
-            yield f"output.tip_off: {joint} is never released, so those rates have no value"
+            yield f"output.tip_off: {joint} is never released, so its tip-off rates have no value"
     for clearance in scene.clearance:
         if clearance.after is not None and clearance.after not in released:
             yield (
@@ -379,7 +386,7 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
 
 
 def _is_past(until: Condition, end: float) -> bool:
-    """True if a condition can be met only by a time after ``end``, s."""
+    """True if a condition can only be met by its ``time``, and that is after ``end``, s."""
     if until.all:
         return any(_is_past(part, end) for part in until.all)
     if until.any:
@@ -388,7 +395,8 @@ def _is_past(until: Condition, end: float) -> bool:
 
 
 def _springs_of(until: Condition) -> Iterator[str]:
-    """Names of the springs whose end of stroke a condition waits for."""
+    """Yield the names of the springs whose end of stroke a condition, or one nested in it, waits
+    for."""
     if until.spring is not None:
         yield until.spring
     for part in (*until.any, *until.all):
@@ -396,5 +404,5 @@ def _springs_of(until: Condition) -> Iterator[str]:
 
 
 def _list(numbers: Sequence[float]) -> str:
-    """Numbers to four digits in brackets."""
+    """Text of numbers with four significant digits, in brackets: ``[1.5, 2]``."""
     return "[" + ", ".join(f"{x:.4g}" for x in numbers) + "]"

@@ -18,7 +18,7 @@ Array = np.ndarray
 
 
 def lint_aerodynamics(scene: Scene) -> Iterator[str]:
-    """Findings on the aerodynamic coefficients of a scene.
+    """Yield findings on angles and aerodynamic coefficients of a scene.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def lint_aerodynamics(scene: Scene) -> Iterator[str]:
 
 
 def _angles(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each initial or motor angle beyond a full turn, as with degrees given as
-    radians."""
+    """Yield a sentence on each initial or motor angle of more than a full turn, as if degrees were
+    given as radians."""
     start = scene.initial
     angles = {
         f"initial.{key}": getattr(start, key)
@@ -64,8 +64,8 @@ def _angles(scene: Scene) -> Iterator[str]:
 
 
 def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Yield a sentence on each axis of angles that looks like radians in a key of degrees, or the
-    other way round."""
+    """Yield a sentence on each alpha or beta axis of a table that looks as if it had radians in a
+    key of degrees, or the reverse."""
     for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
         if not axis:
             continue
@@ -83,7 +83,8 @@ def _axis_units(key_path: str, table: AeroTable) -> Iterator[str]:
 
 
 def _half_axes(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Axes of angles that begin at zero: decks often have the half that symmetry leaves."""
+    """Yield a sentence on each alpha or beta axis of a table that begins at zero: the other half
+    was probably left out because the body is symmetric."""
     for key, axis in (("alpha", table.alpha), ("beta", table.beta)):
         if len(axis) > 1 and axis[0] == 0.0:
             yield (
@@ -93,8 +94,8 @@ def _half_axes(key_path: str, table: AeroTable) -> Iterator[str]:
 
 
 def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
-    """Yield sentences on slopes over alpha and beta that are weak as if per degree, or have the
-    opposite sign."""
+    """Yield sentences on slopes of normal force over alpha and side force over beta that are small,
+    as if per degree, and on signs of side force or yaw moment that are probably reversed."""
     normal, side = _slope(aero, "normal", "alpha"), _slope(aero, "side", "beta")
     for key, angle, slope in (("normal", "alpha", normal), ("side", "beta", side)):
         if _FLAT < abs(slope) < _WEAK_SLOPE and (key == "normal" or abs(slope) < 0.1 * abs(normal)):
@@ -122,8 +123,8 @@ def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
 
 
 def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
-    """Slope of a coefficient over an angle at zero, 1/rad: that of its polynomial plus the largest
-    in size of its table between the two rows next to zero."""
+    """Slope of a coefficient over an angle ("alpha" or "beta") at zero, 1/rad: that of its
+    polynomial plus, from its table, the slope of largest size between the two rows next to zero."""
     slope = getattr(aero, coefficient).get(angle, 0.0)
     table = aero.table
     grid = getattr(table, coefficient) if table is not None else []
@@ -140,8 +141,8 @@ def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
 
 
 def _transposed(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Yield a sentence on a square grid in which a coefficient hardly depends on its own angle but
-    on the other axis: it may be transposed."""
+    """Yield a sentence on the first coefficient of a square table that hardly depends on its own
+    angle but on the other axis: its grid is probably transposed."""
     axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
     shape = [len(axis) for axis in axes.values()]
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 3:

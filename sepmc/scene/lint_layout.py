@@ -10,7 +10,7 @@ _SAME = 1e-9  # relative difference of numbers that are the same
 
 
 def lint_layout(scene: Scene) -> Iterator[str]:
-    """Findings on stations, mirrored bodies and burn times of a scene.
+    """Yield findings on stations, mirrored bodies and burn times of a scene.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ def lint_layout(scene: Scene) -> Iterator[str]:
 
 
 def _stations(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on stations that look as if they were counted from the tail, or positive
-    forward."""
+    """Yield a sentence if all stations are negative, else one on each motor that would push a body
+    forward from its front end: stations are then probably counted from the tail."""
     stations = [body.cg[0] for body in scene.body.values()]
     if len(stations) > 1 and max(stations) <= 0.0 and min(stations) < 0.0:
         yield (
@@ -57,8 +57,8 @@ def _stations(scene: Scene) -> Iterator[str]:
 
 
 def _mirrored(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each pair of bodies that are mirror images of each other, but whose
-    products of inertia are not."""
+    """Yield a sentence on each pair of bodies that are mirror images of each other in mass, moments
+    and mass centre, but whose products of inertia have equal instead of opposite signs."""
     for (one, a), (two, b) in itertools.combinations(scene.body.items(), 2):
         if not (_same((a.mass,), (b.mass,)) and _same(a.inertia, b.inertia)):
             continue
@@ -82,7 +82,8 @@ def _mirrored(scene: Scene) -> Iterator[str]:
 
 
 def _is_mirror(a: Body, b: Body, axis: int) -> bool:
-    """True if the mass centres of two bodies mirror each other in y (``axis`` 1) or z (2)."""
+    """True if the mass centres of two bodies are mirror images in y (``axis`` 1) or z (2), off the
+    plane of symmetry."""
     if a.cg[axis] == 0.0:
         return False
     image = tuple(-x if k == axis else x for k, x in enumerate(a.cg))

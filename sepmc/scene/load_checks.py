@@ -1,4 +1,5 @@
-"""Checks of tables, springs, loads and outputs: references, lengths of columns, rising grids."""
+"""Checks of tables, springs, loads and outputs of a scene: names that exist, columns of equal
+length, axes that rise. Every check adds what it finds to ``problems``."""
 
 import itertools
 import math
@@ -31,13 +32,15 @@ AXES = 3  # most axes of a table
 
 
 def check_known(key_path: str, name: str, known, what: str, problems: Problems) -> None:
-    """Note a name that is not in ``known``; ``what`` is the noun of the message, such as "body"."""
+    """Add a problem if ``name``, the value at ``key_path``, is not in ``known``. ``what`` is the
+    noun of the message, such as "body"."""
     if name not in known:
         problems.add(key_path, f"no such {what}; {nearest(name, known)}", name)
 
 
 def check_pair(key_path: str, bodies: tuple[str, str], scene: Scene, problems: Problems) -> None:
-    """Note a pair that is not two different bodies, of which one may be the ground."""
+    """Add problems if a pair of names is not that of two different bodies, one of which may be the
+    ground."""
     for body in bodies:
         check_known(key_path, body, [*scene.body, GROUND], "body", problems)
     if bodies[0] == bodies[1]:
@@ -47,7 +50,8 @@ def check_pair(key_path: str, bodies: tuple[str, str], scene: Scene, problems: P
 def check_series(
     key_path: str, key: str, series: Sequence[float], least: int, problems: Problems
 ) -> None:
-    """Note an axis of a table that does not rise strictly, or has fewer than ``least`` values."""
+    """Add a problem if an axis of a table does not rise strictly, or has fewer than ``least`` or
+    more than `TABLE_ROWS` values."""
     if len(series) > TABLE_ROWS:
         reason = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
         problems.add(f"{key_path}.{key}", reason)
@@ -60,7 +64,7 @@ def check_series(
 def check_lengths(
     key_path: str, columns: Mapping[str, Sequence[float]], problems: Problems
 ) -> None:
-    """Note columns of a table that differ in length from its first."""
+    """Add a problem for each column of a table that differs in length from the first."""
     (first, axis), *others = columns.items()
     for key, column in others:
         if len(column) != len(axis):
@@ -70,8 +74,9 @@ def check_lengths(
 
 
 def check_loads(scene: Scene, problems: Problems) -> None:
-    """Check springs, burn times, loads, names of bodies, aerodynamic tables and terms, outlines and
-    proximity increments."""
+    """Add problems of springs, burn times of motors, loads, names of bodies, aerodynamic tables,
+    outlines and proximity tables, and of names in polynomials that are neither a term nor a
+    signal."""
     for spring in scene.spring:
         _check_spring(spring, scene, problems)
     for motor in scene.motor:
@@ -112,7 +117,8 @@ def check_loads(scene: Scene, problems: Problems) -> None:
 
 
 def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> None:
-    """Check the axes and the grids of increments."""
+    """Add problems of a proximity table: it needs either a distance or one to three axes, which
+    rise, and grids of the same shape."""
     grids = {key: getattr(entry, key) for key in COEFFICIENTS if getattr(entry, key)}
     if entry.axes is None:
         check_series(key_path, "distance_m", entry.distance, 2, problems)
@@ -136,7 +142,8 @@ def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> No
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
-    """Check the bodies, the force table and the direction of a spring."""
+    """Add problems of a spring: unknown or equal bodies, a force table that does not rise or does
+    not extend beyond 0, an axis of zero length, or equal points without an axis."""
     key_path = f"spring.{spring.name}"
     check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
     if spring.table is not None:
@@ -146,7 +153,7 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
         if extension and extension[-1] <= 0.0:
             problems.add(
                 f"{key_path}.table.extension_m",
-                "must end beyond 0: extension counts from the start",
+                "must end beyond 0: the extension is 0 at the start",
                 list(extension),
             )
     if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
@@ -156,12 +163,15 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
     ):
         problems.add(
             f"{key_path}.axis",
-            "is needed where both points are one: the line between them has no direction",
+            "is needed where both points are one (second_point_m is missing or equals point_m): "
+            "the line between them has no direction",
         )
 
 
 def _check_part(key_path: str, part: Part, problems: Problems) -> None:
-    """Check that a part of an outline is a frustum or points."""
+    """Add problems of a part of an outline, which must be either a frustum or points; ``hollow``
+    and ``sector_deg`` need a frustum of some length, and exclude each other; ``offset_m`` needs a
+    frustum."""
     if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
         not part.points
     ):
@@ -189,7 +199,8 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
 
 
 def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
-    """Check axes and shapes of aerodynamic tables."""
+    """Add problems of an aerodynamic table: no axis, axes that do not rise, grids of another shape,
+    or several Mach numbers in a table of air without a speed of sound."""
     axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
     axes_given = {key: axis for key, axis in axes.items() if axis}
     for key, axis in axes_given.items():
@@ -212,12 +223,13 @@ def _check_grids(
     grids: Mapping[str, list[Any]],
     problems: Problems,
 ) -> None:
-    """Check that grids are nested lists of numbers, whose shape is that of the axes in order, and
-    that it has at most `TABLE_CELLS` cells."""
+    """Add a problem for each of ``grids`` that is not nested lists of numbers with a level for each
+    of ``axes``, in their order and of their length, and one for more than `TABLE_CELLS` grid
+    points."""
     shape = tuple(len(axis) for axis in axes.values())
     if math.prod(shape) > TABLE_CELLS:
         problems.add(
-            key_path, f"has {math.prod(shape):,} combinations of its axes: at most {TABLE_CELLS:,}"
+            key_path, f"has {math.prod(shape):,} grid points: must have at most {TABLE_CELLS:,}"
         )
     for coefficient, grid in grids.items():
         try:
@@ -232,12 +244,14 @@ def _check_grids(
             wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in axes.items())
             problems.add(
                 f"{key_path}.{coefficient}",
-                f"is {' x '.join(map(str, array.shape))}, but the axes ask for {wanted}",
+                f"is {' x '.join(map(str, array.shape))}, but the axes ask for {wanted} numbers",
             )
 
 
 def check_air(scene: Scene, problems: Problems) -> None:
-    """Check tables of air and wind over height."""
+    """Add problems of the tables of air and wind over height: a table of air without ``atmosphere =
+    "table"`` or the reverse, altitudes that do not rise, columns of different length, and densities
+    or speeds of sound that are not positive."""
     air, profile = scene.environment.air, scene.environment.wind.profile
     if (scene.environment.atmosphere == "table") != (air is not None):
         reason = 'belongs to atmosphere = "table": give both, or none of them'
@@ -267,7 +281,8 @@ def check_air(scene: Scene, problems: Problems) -> None:
 
 
 def check_outputs(scene: Scene, problems: Problems) -> None:
-    """Check that outputs and clearances name existing joints, bodies and outlines."""
+    """Add problems of outputs and clearances: names of joints, bodies or outline parts that do not
+    exist, lack what is asked for or occur twice, and clearances between thin surfaces only."""
     for body in scene.output.transverse:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):

@@ -1,4 +1,4 @@
-"""Telemetry of a flight or test that parameters are estimated from: [[measurement]]."""
+"""Tables [[measurement]]: telemetry of a flight or test from which parameters are estimated."""
 
 from collections.abc import Iterable
 from typing import Annotated
@@ -11,8 +11,8 @@ from sepmc.schema import Contents, history_columns
 
 
 class Measurement(Struct, frozen=True, kw_only=True):
-    """A column of histories, and the channel of a file that measured it with independent normal
-    errors."""
+    """Pair of a column of the simulated time histories and the channel of a telemetry file that
+    measured it, with independent normal errors of standard deviation ``sigma``."""
 
     column: str
     file: str
@@ -27,8 +27,9 @@ class Measurement(Struct, frozen=True, kw_only=True):
 def check_measurements(
     measurements: Iterable[Measurement], contents: Contents, problems: Problems
 ) -> None:
-    """Note measurements of no column of histories, and those of one file that differ in
-    ``delay_sigma``: a file has one clock."""
+    """Add a problem for each measurement whose column is not one of histories, or whose
+    ``delay_sigma`` differs from that of another measurement of the same file, which has one
+    clock."""
     columns = [column.name for column in history_columns(contents)]
     clocks: dict[str, float] = {}
     for number, one in enumerate(measurements):

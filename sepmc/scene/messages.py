@@ -1,4 +1,4 @@
-"""Errors and warnings for users: place, value and what is allowed."""
+"""Errors and warnings for users, and the texts they consist of: key, value and what is allowed."""
 
 import difflib
 import re
@@ -10,12 +10,13 @@ Log = Callable[[str], None]  # receives one line of progress or result text
 
 
 class InputError(ValueError):
-    """A request that cannot be satisfied: the program prints it and ends. Any other ValueError is
-    a bug."""
+    """A request that cannot be satisfied: the command line prints the message and ends. Any other
+    ValueError is a bug."""
 
 
 class SceneError(InputError):
-    """Invalid campaign, one line per problem: ``file: key_path = value: what is allowed``."""
+    """Invalid campaign. ``problems`` has a line for each problem, ``file: key_path = value: what is
+    allowed``; the message is all lines."""
 
     def __init__(self, problems: list[str]):
         self.problems = problems
@@ -23,19 +24,19 @@ class SceneError(InputError):
 
 
 class SceneWarning(UserWarning):
-    """Valid input that is probably a mistake."""
+    """Warning about valid input that is probably a mistake."""
 
 
 class RunWarning(UserWarning):
-    """A note on a run, given as a warning where the Python caller passes no ``announce``."""
+    """Warning with a note on a run, issued if the Python caller passes no function ``announce`` to
+    receive notes."""
 
 
 _PACKAGE = __name__.partition(".")[0]
 
 
 def warn(text: str, kind: type[Warning]) -> None:
-    """Issue a warning that points at the caller's line: the innermost frame outside this
-    package."""
+    """Issue a warning of a kind, at the line of the user's code that called this package."""
     level, frame = 1, sys._getframe()
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == _PACKAGE:
         level, frame = level + 1, frame.f_back
@@ -47,33 +48,36 @@ _MAX_PROBLEMS = 100  # of a file: reading stops then
 
 
 def no_log(_: str) -> None:
-    """Discard a message."""
+    """Discard a message: the `Log` of a caller that wants none."""
 
 
 class TooManyProblems(Exception):
-    """A file has so many problems that reading stops."""
+    """Raised by `Problems.add` to stop reading a file that has too many problems."""
 
 
 class Problems(list[str]):
-    """Problems of a file that is read, a line of text each."""
+    """List of the problems that readers and checks of a campaign found, a line of text each."""
 
     def add(self, key_path: str, allowed: str, value: object = None) -> None:
-        """Add a problem: ``key_path = value: allowed``, or ``key_path: allowed`` without a
-        value. Raises TooManyProblems if there are a hundred already."""
+        """Append the line ``key_path = value: allowed``, or ``key_path: allowed`` if there is no
+        value. If the list has 100 problems, append a line that says so and raise
+        TooManyProblems."""
         if len(self) == _MAX_PROBLEMS:
-            self.append("there are more problems than these")
+            self.append("there are more problems than these 100, which are not listed")
             raise TooManyProblems
         shown = "" if value is None else f" = {shorten(value)}"
         self.append(f"{key_path}{shown}: {allowed}")
 
     def raise_if_any(self, source: str) -> None:
-        """Raise SceneError with all problems, each preceded by the source, if there are any."""
+        """Raise SceneError if there are problems; each line begins with ``source``, such as the
+        name of the file."""
         if self:
             raise SceneError([f"{source}: {line}" for line in self])
 
 
 def shorten(value: object, limit: int = 60) -> str:
-    """Text of a value, cut to ``limit`` characters."""
+    """Text of a value (its repr, but ``true`` and ``false`` as in TOML), cut to ``limit``
+    characters."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
@@ -124,9 +128,9 @@ def nearest(word: str, known: Iterable[str]) -> str:
     Returns
     -------
     str
-        "did you mean ...?" with a synonym from another tool, a word with all parts of ``word`` in
-        another order, or one of similar spelling; else "known here: ..." with the known words, of
-        many those that share a part with ``word``, or the first.
+        "did you mean ...?" with a known word: the equivalent of a term of other tools, one that
+        contains all parts of ``word``, or one of similar spelling. Without any, "known here: ..."
+        with the known words; of more than 24, those that share a part with ``word``, or the first.
     """
     known, parts = list(known), _parts(word)
     if _SYNONYMS.get(word.lower()) in known:

@@ -1,5 +1,5 @@
-"""Immutable scene and campaign in SI and radians. Fields have no unit in their names; TOML keys do
-(``mass_kg``)."""
+"""Data model of a campaign file: immutable structs whose numbers are in SI and radians. Fields have
+no unit in their names; the TOML keys that set them do (``mass_kg`` sets ``mass``)."""
 
 import math
 from typing import Annotated, Any, Literal, NamedTuple
@@ -10,12 +10,13 @@ from sepmc.scene.limits import CASES, NAME, SEED
 
 
 class Derived:
-    """Marks a field that no key of its own sets: it follows from other keys of a file."""
+    """Marks a field of a struct that no TOML key of its name sets: the reader of a campaign file
+    fills it from other keys."""
 
 
 class Quantity(NamedTuple):
-    """Kind of quantity of a field (of `sepmc.scene.units.UNITS`), and the component names of a
-    vector."""
+    """Kind of quantity of a field, a key of `sepmc.scene.units.UNITS` such as "length" ("" for no
+    unit), and the names of the components of a vector (none for a number or a list)."""
 
     kind: str
     components: tuple[str, ...] = ()
@@ -51,9 +52,9 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Wind over height, added to the steady wind: altitude (m), speed (m/s) and direction (rad, as
-    in `Wind`), interpolated between rows. ``factor`` multiplies all speeds, ``turn`` (rad) is added
-    to all directions."""
+    """Table of wind over height, added to the steady wind: altitude (m), speed (m/s) and direction
+    (rad, as in `Wind`), interpolated between rows. ``factor`` multiplies all speeds of the table,
+    ``turn`` (rad) is added to all its directions."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
@@ -64,8 +65,8 @@ class WindProfile(_Table, frozen=True, kw_only=True):
 
 
 class Wind(_Table, frozen=True, kw_only=True):
-    """Steady horizontal wind, of a speed (m/s) and a direction to which it blows (rad from ground x
-    toward ground z), and a profile over height."""
+    """Horizontal wind: a steady one of a speed (m/s) and a direction to which it blows (rad from
+    ground x toward ground z), plus, if given, a profile over height."""
 
     speed: Speed = 0.0
     direction: Angle = 0.0
@@ -73,8 +74,8 @@ class Wind(_Table, frozen=True, kw_only=True):
 
 
 class AirProfile(_Table, frozen=True, kw_only=True):
-    """Air over height (m), for ``atmosphere = "table"``: density (kg/m3, interpolated by its
-    logarithm) and speed of sound (m/s; empty if no Mach number is needed)."""
+    """Table of air over height (m), for ``atmosphere = "table"``: density (kg/m3, whose logarithm
+    is interpolated) and speed of sound (m/s; empty if no Mach number is needed)."""
 
     altitude: Annotated[Series, Quantity("length")]
     density: Annotated[Series, Quantity("density")]
@@ -83,7 +84,8 @@ class AirProfile(_Table, frozen=True, kw_only=True):
 
 
 class Environment(_Table, frozen=True, kw_only=True):
-    """Atmosphere, a factor on its density, gravity (at the surface, m/s2) and wind."""
+    """Environment of the flight: atmosphere ("table": that of ``air``) and a factor on its density,
+    gravity (model, and value at the surface, m/s2), and wind."""
 
     atmosphere: Literal["us1976", "table", "none"] = "us1976"
     air: AirProfile | None = None
@@ -94,9 +96,10 @@ class Environment(_Table, frozen=True, kw_only=True):
 
 
 class AeroTable(_Table, frozen=True, kw_only=True):
-    """Coefficients on a grid over the given axes, in the order mach, alpha, beta, added to the
-    polynomials; an axis of one point changes nothing. ``pitch_q`` and the like are derivatives by
-    the reduced rates p, q, r."""
+    """Aerodynamic coefficients on a grid over the axes that are given, in the order mach, alpha,
+    beta (rad); they are added to those of the polynomials. Over an axis of one point they are
+    constant. ``pitch_q``, for example, is the derivative of ``pitch`` by the reduced pitch rate q
+    (`RATES`)."""
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -149,9 +152,9 @@ class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
     are equal), or points.
 
-    A hollow frustum is the inner surface of a shell: clearance counts from the inside. A sector is
-    the lateral surface between two angles, a thin wall with two sides. Clearances can name parts
-    that have names.
+    A hollow frustum is the inner surface of a shell: clearance is measured from inside it. With a
+    ``sector`` only the lateral surface between two angles is left, a thin wall with two sides. A
+    clearance can be limited to parts that have a ``name``.
     """
 
     name: Name | None = None
@@ -166,7 +169,8 @@ class Part(_Table, frozen=True, kw_only=True):
 
     @property
     def is_wall(self) -> bool:
-        """True for a surface, between two of which there is no clearance."""
+        """True if the part is a thin surface (hollow, or a sector), not a solid or points; no
+        clearance is measured between two thin surfaces."""
         return self.hollow or self.sector is not None
 
 
@@ -184,16 +188,16 @@ class Body(_Table, frozen=True, kw_only=True):
 
 
 class Profile(_Table, frozen=True, kw_only=True):
-    """Thrust over time since ignition, as a fraction of ``thrust``; linear between the rows, zero
-    before the first and after the last."""
+    """Table of thrust over time since ignition (s), as a fraction of the motor's ``thrust``: linear
+    between rows, zero before the first and after the last."""
 
     time: Annotated[Series, Quantity("time")]
     fraction: Series
 
 
 class Ignition(_Table, frozen=True, kw_only=True):
-    """Trigger of a motor: an event, a release (its condition is met) or a joint (it becomes free).
-    The motor ignites ``delay`` after it."""
+    """Trigger of a motor's ignition, by name: an event or a release (when its condition is met), or
+    a joint (when it becomes free). The motor ignites ``delay`` (s) later."""
 
     event: str | None = None
     release: str | None = None
@@ -202,7 +206,7 @@ class Ignition(_Table, frozen=True, kw_only=True):
 
 
 class Motor(_Table, frozen=True, kw_only=True):
-    """A motor or engine on a body; see CONVENTIONS.md for its axes and thrust."""
+    """A motor or engine on a body; CONVENTIONS.md defines its angles and its thrust over time."""
 
     name: Name
     body: str
@@ -224,19 +228,20 @@ class Motor(_Table, frozen=True, kw_only=True):
 
     @property
     def trigger(self) -> Ignition | None:
-        """Its trigger; None if it ignites at a given time."""
+        """Trigger of the ignition; None if the motor ignites at a given time."""
         return self.ignition if isinstance(self.ignition, Ignition) else None
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """Unit vector of its force without deflection, body axes: x_f of CONVENTIONS.md."""
+        """Unit vector of the force on the body without deflection, in body axes: x_f of
+        CONVENTIONS.md."""
         sine = math.sin(self.cant)
         return math.cos(self.cant), -math.sin(self.clock) * sine, math.cos(self.clock) * sine
 
 
 class ForceTable(_Table, frozen=True, kw_only=True):
-    """Force over extension, constant before the first row and after the last; times
-    ``return_factor`` while the extension shrinks."""
+    """Table of a spring's force (N) over its extension (m), constant before the first row and after
+    the last. While the extension shrinks this force is multiplied by ``return_factor``."""
 
     extension: Annotated[Series, Quantity("length")]
     force: Annotated[Series, Quantity("force")]
@@ -250,9 +255,9 @@ class Spring(_Table, frozen=True, kw_only=True):
 
     With ``axis`` (fixed in the first body) it acts along that axis, otherwise along the line
     between its points. The force is ``factor (force - stiffness x - damping x' + table(x))`` at
-    extension x from the start; ``factor`` is 0 for a failed spring. One that is ``push_only`` has
-    no force where that is below zero. Beyond ``stroke`` (the last row of its table, if it has one
-    and no stroke) the force is zero for the rest of the flight.
+    extension x, which is 0 at the start; ``factor`` is 0 for a failed spring. With ``push_only`` a
+    negative force becomes zero. Once the extension exceeds ``stroke`` (without one: the last row of
+    the table, if there is a table) the force is zero for the rest of the flight.
     """
 
     name: Name
@@ -270,20 +275,22 @@ class Spring(_Table, frozen=True, kw_only=True):
 
 
 class Servo(_Table, frozen=True, kw_only=True):
-    """Second-order response of a signal to its formula: natural frequency and damping ratio."""
+    """Second-order response of a signal to the value of its formula: natural frequency and damping
+    ratio."""
 
     natural: Annotated[float, Positive, Quantity("frequency")]
     damping: Annotated[float, NotNegative]
 
 
 class Signal(_Table, frozen=True, kw_only=True):
-    """A number computed during flight by a formula of quantities, of other signals, and of
-    constants: all further keys of its table.
+    """A number computed during the flight by a formula of flight quantities, other signals and the
+    signal's ``constants``: the keys of its TOML table that are no field of this class.
 
-    The formula may be sampled every ``sample`` seconds from the start on and held in between, each
-    value used ``delay`` seconds later. The signal may follow it with a ``lag`` (y' = (u - y) / lag,
-    at most ``rate_limit`` in size) or as a ``servo``, or be its ``integral`` over time, each from
-    ``initial`` on.
+    With ``sample`` the formula is evaluated every ``sample`` seconds from the start on; each value
+    takes effect ``delay`` seconds later and stays until the next one does. The signal y equals the
+    value u of the formula, or follows it with a ``lag`` (y' = (u - y) / lag, where abs(y') is at
+    most ``rate_limit``) or as a ``servo``, or is its ``integral`` over time; these three begin at
+    ``initial``.
     """
 
     name: Name
@@ -299,28 +306,30 @@ class Signal(_Table, frozen=True, kw_only=True):
 
     @property
     def states(self) -> int:
-        """Number of states that are integrated with the motion."""
+        """Number of variables of the signal that are integrated with the motion: 2 for a servo, 1
+        for a lag or an integral, else 0."""
         return 2 if self.servo is not None else int(self.integral or self.lag is not None)
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Fields that do nothing: ``delay`` without samples, ``initial`` without states too."""
+        """Names of the fields that have no effect: none with ``sample``; without it ``delay``, and
+        ``initial`` as well if the signal has no `states`."""
         if self.sample is not None:
             return ()
         return ("delay",) if self.states else ("delay", "initial")
 
 
 class Driven(NamedTuple):
-    """A number that a signal gives during flight: name of the signal, and the factor from the unit
-    of the key to SI."""
+    """Source of a number of the scene that changes during the flight: name of the signal that gives
+    it, and the factor from the unit of the number's TOML key to SI."""
 
     signal: str
     factor: float
 
 
 class Load(_Table, frozen=True, kw_only=True):
-    """A force at a point of a body and a moment, in body or ground axes, from ``start`` to
-    ``end``; their components are numbers or names of signals."""
+    """A force (N) at a point of a body and a moment (N m), in body or ground axes, from ``start``
+    to ``end`` (s). A component that a signal gives is in `Scene.driven`."""
 
     name: Name
     body: str
@@ -333,8 +342,9 @@ class Load(_Table, frozen=True, kw_only=True):
 
 
 class RelativeAxes(_Table, frozen=True, kw_only=True):
-    """Axes of a grid over the motion of the second body of a joint relative to the first:
-    displacement of its joint point, and attitude, both along the axes of the joint."""
+    """Axes of a grid over the position of the second body of a joint relative to the first:
+    displacement of the second body's joint point (m) along the joint axes, and attitude angles
+    (rad) relative to them."""
 
     x: Annotated[Series, Quantity("length")] = ()
     y: Annotated[Series, Quantity("length")] = ()
@@ -345,14 +355,15 @@ class RelativeAxes(_Table, frozen=True, kw_only=True):
 
     @property
     def points(self) -> dict[str, Series]:
-        """Points of the axes that are given, by name, in the order of the fields."""
+        """Grid points of the axes that are given, by axis name, in the order of the fields."""
         names = self.__struct_fields__
         return {name: points for name in names if (points := getattr(self, name))}
 
 
 class Proximity(_Table, frozen=True, kw_only=True):
-    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint,
-    or on a grid over up to three ``axes``; constant beyond the ends."""
+    """Increments to the aerodynamic coefficients of ``body``, as tables over the separation
+    ``distance`` of ``joint`` or over one to three ``axes`` of the relative position of its bodies;
+    constant beyond the ends of the tables. ``factor`` multiplies all increments."""
 
     name: Name
     body: str
@@ -370,14 +381,14 @@ class Proximity(_Table, frozen=True, kw_only=True):
 
     @property
     def points(self) -> dict[str, Series]:
-        """Points of the axes by name: the distance, or some of the relative motion."""
+        """Grid points by axis name: ``distance`` alone, or those of ``axes`` that are given."""
         return {"distance": self.distance} if self.axes is None else self.axes.points
 
 
 class Guide(_Table, frozen=True, kw_only=True):
-    """Guide pins of a slider: number, radius of their circle (m), clock angle of the first from y
-    toward z (rad), engaged length when closed (m), and Coulomb friction coefficient, times
-    v / sqrt(v^2 + slip_speed^2) at sliding speed v (m/s)."""
+    """Guide pins of a slider: number, radius of their circle (m), clock angle of the first one from
+    y toward z (rad), engaged length when closed (m), and Coulomb friction, whose coefficient at
+    sliding speed v (m/s) is ``friction`` v / sqrt(v^2 + slip_speed^2)."""
 
     pins: Annotated[int, Meta(ge=1, le=24)]
     circle: Annotated[float, NotNegative, Quantity("length")] = 0.0
@@ -388,14 +399,16 @@ class Guide(_Table, frozen=True, kw_only=True):
 
 
 class Custom(_Table, frozen=True, kw_only=True):
-    """A user-defined joint kind: the joint axes of its constrained translations and rotations."""
+    """A user-defined joint kind: the joint axes along which it constrains translation, and those
+    about which it constrains rotation."""
 
     translations: tuple[Axis, ...] = ()
     rotations: tuple[Axis, ...] = ()
 
 
 class Joint(_Table, frozen=True, kw_only=True):
-    """A joint between two bodies, with axes fixed in the first; its kind depends on the phase."""
+    """A joint between two bodies, with axes fixed in the first. Its kind (fixed, slider, free, ...)
+    depends on the phase; ``kind`` defines further kinds by name."""
 
     bodies: tuple[str, str]
     point: Point
@@ -416,8 +429,9 @@ class Joint(_Table, frozen=True, kw_only=True):
 
 
 class Condition(_Table, frozen=True, kw_only=True):
-    """A condition on time, motion or loads. Of several keys the first that is met counts; a
-    condition that was met stays met.
+    """A condition on time, motion or loads. Of several thresholds the first that is reached meets
+    it; a condition that was met stays met. ``joint`` and ``body`` name what thresholds are of;
+    ``any`` and ``all`` combine further conditions.
 
     With a ``direction`` the quantity must cross its threshold in that direction. Without one an
     altitude or a vertical speed must cross it in either direction; any other quantity meets it at
@@ -442,7 +456,8 @@ class Condition(_Table, frozen=True, kw_only=True):
 
 
 class Phase(_Table, frozen=True, kw_only=True):
-    """An interval with fixed joint kinds, until a condition; joints not named are free."""
+    """An interval of the flight with unchanged joint kinds, which ends when ``until`` is met.
+    ``joints`` maps the name of a joint to its kind; joints not named are free."""
 
     name: Name
     joints: dict[str, str] = field(default_factory=dict)
@@ -450,8 +465,9 @@ class Phase(_Table, frozen=True, kw_only=True):
 
 
 class Release(_Table, frozen=True, kw_only=True):
-    """Release of one joint to another kind, in any phase. A case in which its condition does not
-    occur while the joint is still constrained is never-released, unless it is ``optional``."""
+    """Change of one joint to the kind ``to`` when a condition is met, in any phase. A case in which
+    the condition is not met and the joint still constrains at the end has the status
+    never-released, unless the release is ``optional``."""
 
     name: Name
     joint: str
@@ -461,14 +477,16 @@ class Release(_Table, frozen=True, kw_only=True):
 
 
 class Event(_Table, frozen=True, kw_only=True):
-    """An instant at which rates, attitudes, separations and clearances are recorded."""
+    """An instant, when its condition is first met, at which rates, attitudes, separations and
+    clearances are recorded as outcomes."""
 
     name: Name
     when: Condition
 
 
 class Clearance(_Table, frozen=True, kw_only=True):
-    """Minimum distance between the outlines of two bodies over the flight."""
+    """Request for an outcome: the minimum distance between the outlines of two bodies over the
+    flight."""
 
     name: Name
     bodies: tuple[str, str]
@@ -477,8 +495,9 @@ class Clearance(_Table, frozen=True, kw_only=True):
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """Optional outputs: joints with loads, rates at release, guide loads and hinge angles; bodies
-    with transverse rates; pairs of bodies with their relative attitude and distance."""
+    """Optional outcomes: names of joints for which to report loads, ``tip_off`` rates at release,
+    ``guide`` pin loads or ``hinge`` angles; of bodies for transverse rates; and pairs of bodies for
+    their relative attitude and distance."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
@@ -489,7 +508,8 @@ class Output(_Table, frozen=True, kw_only=True):
 
 
 class FormulaOutcome(_Table, frozen=True, kw_only=True):
-    """Outcome by a formula of outcomes before it, in their units; the unit ends its column."""
+    """Outcome computed by a formula of the outcomes before it, each in the unit of its column.
+    ``unit`` is that of the result and ends the name of its column ("1": none)."""
 
     name: Name
     formula: str
@@ -497,7 +517,8 @@ class FormulaOutcome(_Table, frozen=True, kw_only=True):
 
 
 class Initial(_Table, frozen=True, kw_only=True):
-    """Initial state of the mated vehicle; see CONVENTIONS.md."""
+    """Initial position, velocity, attitude and rates of the mated vehicle; CONVENTIONS.md defines
+    the angles."""
 
     altitude: Length
     speed: Annotated[float, NotNegative, Quantity("speed")]
@@ -515,8 +536,8 @@ REPLICATES = 8  # independently scrambled sequences of a Saltelli design
 
 
 class Run(_Table, frozen=True, kw_only=True):
-    """End of the flight (s), number of cases and how their inputs are sampled, interval of rows of
-    histories (s), and number of cases flown in one call."""
+    """Run settings: end of the flight (s), number of cases and how their inputs are sampled,
+    interval of rows of time histories (s), and number of cases in one kernel call (``chunk``)."""
 
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
@@ -528,8 +549,8 @@ class Run(_Table, frozen=True, kw_only=True):
 
 
 class Solver(_Table, frozen=True, kw_only=True):
-    """Formulation of the equations, integration method, accuracy or largest step (s), and treatment
-    of constraint drift."""
+    """Solver settings: formulation of the equations, integration method, requested accuracy,
+    largest step (s; None: as the accuracy requires), and treatment of constraint drift."""
 
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"
@@ -540,7 +561,8 @@ class Solver(_Table, frozen=True, kw_only=True):
 
 
 class Scene(_Table, frozen=True, kw_only=True):
-    """Vehicle, environment, sequence of phases, run and solver settings."""
+    """All of a campaign that every case shares: vehicle, environment, sequence of phases, outputs,
+    run and solver settings, and the nominal values of dispersed parameters."""
 
     environment: Environment = field(default_factory=Environment)
     body: dict[Name, Body]
@@ -564,8 +586,9 @@ class Scene(_Table, frozen=True, kw_only=True):
 
 
 class Distribution(_Table, frozen=True, kw_only=True):
-    """Distribution of one parameter: exactly one kind, or a column of ``run.samples``. Numbers are
-    in the unit of the parameter's key."""
+    """Distribution of one parameter as a file gives it: one of the kinds ``uniform`` to
+    ``constant``, or a ``column`` of ``run.samples``. A single number is the half range (``normal``:
+    sigma) about the nominal, in the unit of the key, or with ``relative`` as a fraction of it."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None
@@ -579,20 +602,20 @@ class Distribution(_Table, frozen=True, kw_only=True):
 
 
 class Correlation(_Table, frozen=True, kw_only=True):
-    """Correlated dispersions, by a Gaussian copula: one correlation coefficient of the normal
-    scores of all pairs, or a matrix of them."""
+    """Correlation of dispersed parameters by a Gaussian copula: one coefficient for the normal
+    scores of every pair, or a matrix of coefficients in the order of ``parameters``."""
 
     parameters: tuple[str, ...]
     coefficient: Annotated[float, Meta(ge=-1.0, le=1.0)] | None = None
     matrix: tuple[tuple[float, ...], ...] | None = None
 
 
-VIOLATION = "violation"  # of any other requirement
+VIOLATION = "violation"  # metric of a requirement that no other requirement is violated
 
 
 class Requirement(_Table, frozen=True, kw_only=True):
-    """A bound on an outcome, or a status to avoid, for a fraction ``probability`` of all cases, to
-    be shown with a ``confidence``."""
+    """A bound on an outcome, or a status that must not occur, which at least the fraction
+    ``probability`` of all cases must satisfy; a verdict is given with this ``confidence``."""
 
     name: Name
     metric: str  # an outcome, a status that must not occur, or VIOLATION

@@ -1,4 +1,5 @@
-"""Parameters of a scene by path: ``body.upper.cg_mm.x`` names one number, with its unit."""
+"""Parameters of a scene, its single numbers, by path: ``body.upper.cg_mm.x`` names a number and
+its unit."""
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,15 +21,16 @@ class Parameter:
     Attributes
     ----------
     key : str
-        Path as written in TOML, with its unit.
+        Path as written in TOML, with the unit: ``body.upper.cg_mm.x``.
     path : str
-        Path without the unit; names its random stream.
+        Path without the unit, ``body.upper.cg.x``; the seed of its random numbers depends on it.
     unit : str
-        Suffix of the key, empty if dimensionless.
+        Unit suffix of the key, ``mm``; empty if it has none.
     factor : float
         Factor from ``unit`` to SI.
     field : Field or None
-        Its field of the model; None for an entry of a table without one.
+        Field of the model that has its type and bounds; None for numbers with free keys, such as
+        the terms of polynomials.
     """
 
     key: str
@@ -39,17 +41,19 @@ class Parameter:
 
     @property
     def column(self) -> str:
-        """Column of the case table: ``in_body_upper_cg_x_mm``."""
+        """Name of its column in the table of cases: ``in_body_upper_cg_x_mm``."""
         stem = "in_" + self.path.replace(".", "_").replace("-", "_")
         return f"{stem}_{self.unit}" if self.unit else stem
 
 
 class UnknownPath(KeyError):
-    """A path that names no number of the scene; its argument is the reason."""
+    """Raised for a path that names no number of a scene, or one that cannot vary; ``args[0]`` is
+    the reason."""
 
 
 def find(scene: Scene, key: str) -> Parameter:
-    """Parameter named by ``key``, a path with unit. Raises `UnknownPath` if there is none."""
+    """Find the parameter that ``key``, a TOML path with unit, names. Raises `UnknownPath` if the
+    path is wrong, is not that of a number, or the number is not set or is given by a signal."""
     node: Any = scene
     path: list[str] = []
     unit, factor, last = "", 1.0, None
@@ -80,13 +84,13 @@ def find(scene: Scene, key: str) -> Parameter:
 
 
 def all_parameters(scene: Scene, tree: Mapping[str, Any]) -> Iterator[Parameter]:
-    """Parameters that a file or its defaults give a value, in the order of the model.
+    """Yield all parameters that a file or the defaults give a value, in the order of the model.
 
     Parameters
     ----------
     scene : Scene
     tree : mapping
-        TOML tree of the file, whose units the keys have; others have the first unit of their kind.
+        TOML tree of the file. A key has the unit that it has there, else the first of its kind.
 
     Yields
     ------
@@ -98,7 +102,9 @@ def all_parameters(scene: Scene, tree: Mapping[str, Any]) -> Iterator[Parameter]
 
 
 def _keys(node: Any, tree: Any, field: Field | None = None) -> Iterator[tuple[str, ...]]:
-    """Paths of the numbers below a node; ``tree`` is the same node of a file, or has no items."""
+    """Yield the TOML path of each number below a node of the scene, as a tuple of keys from there.
+    ``tree`` is the same node in the file (anything else if it is not there), ``field`` the field
+    that has the node."""
     tree = tree if isinstance(tree, Mapping) else {}
     items: Iterable[tuple[str, Any, Any, Field | None]] = ()
     if isinstance(node, msgspec.Struct):
@@ -120,7 +126,8 @@ def _keys(node: Any, tree: Any, field: Field | None = None) -> Iterator[tuple[st
 def _item_of_file(
     node: msgspec.Struct, field: Field, tree: Mapping[str, Any]
 ) -> tuple[str, Any, Any, Field]:
-    """Key of a field in a file, its value, its tree, and the field."""
+    """TOML key of a field of ``node``, its value in the scene, its value in the file (None if it is
+    not there), and the field. ``tree`` is that of ``node`` in the file."""
     item = getattr(node, field.name)
     spelling = field.spellings[-1] if _is_table(item) else field
     key = next((key for key in spelling.keys if key in tree), next(iter(spelling.keys)))
@@ -128,7 +135,8 @@ def _item_of_file(
 
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
-    """Name, unit, factor to SI and field of the key ``part`` of a table. Raises `UnknownPath`."""
+    """Name, unit suffix, factor to SI and field of the key ``part`` of the table ``node``. Raises
+    `UnknownPath` if the key is wrong or its value is not set."""
     fields = fields_of(type(node))
     values = {name: getattr(node, name) for name in fields}
     accepted = {
@@ -157,13 +165,13 @@ def _is_table(node: Any) -> bool:
 
 
 def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:
-    """Names of the tables of an array, in order; its index as text for one without a name."""
+    """Names of the tables of an array, in order; for a table without a name its index as text."""
     return tuple(getattr(item, "name", None) or str(number) for number, item in enumerate(items))
 
 
 def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
-    """Name and value of the item ``part`` of a table of tables, an array or a vector, whose field
-    is ``field``. Raises `UnknownPath`."""
+    """Name and value of the item ``part`` of ``node``, a table of tables, an array or a vector;
+    ``field`` is the field that has it. Raises `UnknownPath` if there is no such item."""
     if isinstance(node, dict):
         if part not in node:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, node))
@@ -183,8 +191,8 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
 
 
 def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
-    """Names of the items of an array in a path: components of a vector, names of tables, numbers of
-    points; empty for a series."""
+    """Names that a path uses for the items of an array: names of tables, indices of points,
+    component names of a vector; empty for a series, whose numbers have no path."""
     if node and all(isinstance(item, msgspec.Struct) for item in node):
         return item_names(node)
     if node and all(isinstance(item, tuple) for item in node):
@@ -196,7 +204,7 @@ def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
 
 
 def _not_a_number(node: Any, field: Field | None) -> str:
-    """Reason why a path does not end at a number."""
+    """Reason, for a message, why the value ``node`` at the end of a path is not a number."""
     if isinstance(node, tuple) and (names := _names(node, field)):
         if isinstance(node[0], float | int):
             return "is a vector; name one component: ." + ", .".join(names)
@@ -205,7 +213,7 @@ def _not_a_number(node: Any, field: Field | None) -> str:
 
 
 def value(scene: Scene, path: str) -> float:
-    """SI value at a path without unit (`Parameter.path`)."""
+    """Value, in SI, of the number of a scene at a path without unit (`Parameter.path`)."""
     node: Any = scene
     field: Field | None = None
     for part in path.split("."):
@@ -220,15 +228,16 @@ def value(scene: Scene, path: str) -> float:
 
 
 def replace(scene: Scene, values: dict[str, float]) -> Scene:
-    """Copy of a scene with SI ``values`` by path without unit."""
+    """Copy of a scene in which the numbers at the paths of ``values`` (without unit) have these
+    values, in SI."""
     for path, number in values.items():
         scene = _replace(scene, path.split("."), number, None)
     return scene
 
 
 def _replace(node: Any, parts: list[str], number: float, field: Field | None) -> Any:
-    """Copy of a node of the scene with the number at the end of a path, ``parts``, replaced;
-    ``field`` is that of the node."""
+    """Copy of a node of the scene in which the number at the path ``parts`` below it is replaced;
+    ``field`` is the field that has the node."""
     if not parts:
         return number
     part, rest = parts[0], parts[1:]

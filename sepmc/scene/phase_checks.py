@@ -1,4 +1,5 @@
-"""Checks of phases, releases and conditions: joints exist and only release, phases end."""
+"""Checks of phases, releases and conditions: the joints that they name exist, never gain
+constraints, and phases can end."""
 
 import math
 
@@ -20,7 +21,7 @@ _OF_BODY = {"altitude": "altitude_m", "vertical_speed": "vertical_speed_m_s"}
 
 
 def holds_ground(scene: Scene) -> bool:
-    """True if a joint connects to the ground in the first phase."""
+    """True if, in the first phase, a joint that is not free connects a body to the ground."""
     if not scene.phase:
         return False
     kinds = scene.phase[0].joints
@@ -31,7 +32,8 @@ def holds_ground(scene: Scene) -> bool:
 
 
 def check_phases(scene: Scene, problems: Problems) -> None:
-    """Check phases, releases and events, their conditions and the kinds of their joints."""
+    """Add problems of phases, releases and events: of their conditions, the order of their times
+    and the kinds that they give to joints."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
@@ -80,7 +82,8 @@ def check_phases(scene: Scene, problems: Problems) -> None:
 def _check_can_move(
     key_path: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
-    """Note conditions on a motion that the joint constrains in the phase: never met."""
+    """Add a problem for each key of a condition that asks for a motion (stroke, distance, angle)
+    which the joint, by ``kinds`` of the phase, cannot make: it is never met."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
     if joint in scene.joint and _known(joint, kind, scene):
         rows = rows_of(scene.joint[joint], kind)
@@ -99,12 +102,12 @@ def _check_can_move(
 
 
 def _known(joint: str, kind: str, scene: Scene) -> bool:
-    """True if a joint exists and has a kind of this name."""
+    """True if a joint exists and ``kind`` is one of `KINDS` or of the joint's own kinds."""
     return joint in scene.joint and (kind in KINDS or kind in scene.joint[joint].kind)
 
 
 def _check_kind(key_path: str, joint: str, kind: str, scene: Scene, problems: Problems) -> None:
-    """Note an unknown joint, or a kind that it does not have."""
+    """Add a problem if a joint does not exist, or has no kind of this name."""
     check_known(key_path, joint, scene.joint, "joint", problems)
     if joint in scene.joint and not _known(joint, kind, scene):
         kinds = [*KINDS, *scene.joint[joint].kind]
@@ -112,7 +115,8 @@ def _check_kind(key_path: str, joint: str, kind: str, scene: Scene, problems: Pr
 
 
 def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Problems) -> None:
-    """Check that a condition has a quantity, and that the joint, body, motor or spring exists."""
+    """Add problems of a condition and of those nested in it: nothing to wait for, a joint, body,
+    motor or spring that does not exist, a motor that never burns out, or keys that need others."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
     if (
@@ -154,7 +158,7 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
         ):
             problems.add(
                 f"{key_path}.burn_out",
-                "this motor burns for ever: give it burn_s or a profile",
+                "names a motor that burns for ever: give that motor burn_s or a profile",
                 until.burn_out,
             )
     if until.spring is not None:
@@ -175,7 +179,8 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
 def _refuse_direction(
     key_path: str, until: Condition, quantities: list[str], problems: Problems
 ) -> None:
-    """Note a direction in a table that has not exactly one quantity with a threshold."""
+    """Add the problem of a condition that has a ``direction`` but not exactly one quantity with a
+    threshold; ``quantities`` are those that it has."""
     keys = _OF_JOINT | _OF_BODY
     reason = (
         "belongs to one quantity: give each its own table, in any = [...]; here are "
@@ -188,8 +193,8 @@ def _refuse_direction(
 
 
 def _check_only_releases(scene: Scene, problems: Problems) -> None:
-    """Note joints that gain constraints from phase to phase, and releases that release nothing:
-    contact and capture are not modelled."""
+    """Add a problem for each joint that gains constraints from one phase to the next (contact and
+    capture are not modelled), and for each release that removes no constraint in any phase."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints.get(name, "free") for phase in scene.phase]
         for before, after, first, then in zip(
@@ -217,9 +222,9 @@ def _check_only_releases(scene: Scene, problems: Problems) -> None:
 
 
 def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Problems) -> None:
-    """Note releases to a kind that is not comparable with one that the joint can have by then: a
-    release may come in any phase and after any other release, so of the two kinds one must be a
-    subset of the other."""
+    """Add a problem for each release of a joint to a kind that neither implies nor is implied by a
+    kind that the joint can have by then. A release may come in any phase and after any other one,
+    so of each two kinds the constraints of one must include those of the other."""
     joint, possible = scene.joint[name], dict.fromkeys(kinds)
     for release in scene.release:
         if release.joint != name:
@@ -237,7 +242,8 @@ def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Probl
 
 
 def _check_rods(scene: Scene, problems: Problems) -> None:
-    """Check that a rod has two points, and every other kind one."""
+    """Add a problem for each rod whose two points do not differ, and for each joint of another kind
+    whose two points do."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints[name] for phase in scene.phase if name in phase.joints]
         second = joint.second_point

@@ -1,4 +1,4 @@
-"""Published statistics to compare a campaign with."""
+"""Published statistics of outcomes, which a campaign file may give for comparison."""
 
 from typing import Annotated
 
@@ -8,7 +8,8 @@ from sepmc.scene.model import Positive
 
 
 class Expected(Struct, frozen=True, kw_only=True):
-    """Published statistics of an outcome, in its unit; None for those not published."""
+    """Published statistics of one outcome, in the unit of its column; None for those not
+    published."""
 
     mean: float | None = None
     sigma: Annotated[float, Positive] | None = None
@@ -17,8 +18,8 @@ class Expected(Struct, frozen=True, kw_only=True):
 
 
 class Reference(Struct, frozen=True, kw_only=True):
-    """Published statistics to compare a campaign with: their source, and those of each outcome by
-    its column name."""
+    """Published statistics to compare a campaign with: a text on their source, and the statistics
+    of each outcome by its column name."""
 
     source: str
     outcome: dict[str, Expected] = field(default_factory=dict)

@@ -70,15 +70,15 @@ class CampaignFile:
     ----------
     name, title : str
     scene : Scene
-        Nominal, SI.
+        With nominal values, in SI.
     dispersions : tuple of Dispersion
     copulas : tuple of Copula
-        Correlated groups of dispersions.
+        Groups of correlated dispersions.
     requirements : tuple of Requirement
     reference : Reference or None
-        Statistics to compare with.
+        Published statistics to compare with.
     tree : dict
-        The TOML tree, with the settings applied.
+        The TOML tree after settings, contents of named files and conversions are put in.
     no_effect : tuple of str
         A sentence for each setting that only the nominal case uses, because a distribution gives
         the values of all other cases.
@@ -87,15 +87,15 @@ class CampaignFile:
     folder : Path
         Folder that relative paths start from.
     understood : tuple of str
-        Sentences on data that were brought in other conventions or from other files.
+        Sentences on data that were converted from other conventions or read from other files.
     scenarios : tuple of Scenario
-        Failure cases by name.
+        Named variants of the campaign, such as failure cases.
     map : MapPlan or None
-        Axes of ``sepmc map``.
+        Table ``[map]``, defaults of ``sepmc map``.
     size : SizePlan or None
-        Variables and costs of ``sepmc size``.
+        Table ``[size]``, defaults of ``sepmc size``.
     measurements : tuple of Measurement
-        Telemetry that parameters are estimated from.
+        Telemetry from which ``sepmc estimate`` learns parameters.
     """
 
     name: str
@@ -117,7 +117,7 @@ class CampaignFile:
 
     @property
     def toml(self) -> str:
-        """The resolved campaign as TOML text."""
+        """TOML text of ``name`` and ``tree``."""
         return tomli_w.dumps({"name": self.name, **self.tree})
 
 
@@ -127,7 +127,7 @@ def read_campaign(
     reader: Reader | None = None,
     file_reader: FileReader | None = None,
 ) -> CampaignFile:
-    """Read and validate a campaign.
+    """Read a campaign file, apply settings to it and validate it.
 
     Parameters
     ----------
@@ -135,9 +135,9 @@ def read_campaign(
     settings : dict, optional
         Values by TOML path that replace those of the file: ``{"body.upper.mass_kg": 460.0}``.
     reader : callable, optional
-        Reads the table that ``run.samples`` names.
+        Reads the table that ``run.samples`` names; without it ``run.samples`` is an error.
     file_reader : callable, optional
-        Reads the files that other tables name.
+        Reads the files that other tables name (key ``file``); without it they are not read.
 
     Returns
     -------
@@ -165,7 +165,8 @@ def read_campaign(
 
 
 def read_text(written: bytes, source: str) -> dict[str, Any]:
-    """Parse the bytes of a TOML file. Raises SceneError if it is not TOML."""
+    """Parse the bytes of a TOML file to a tree. Raises SceneError, which begins with ``source``, if
+    they are not TOML."""
     try:
         text = written.decode("utf-8-sig")
         if fault := check_keys(text):
@@ -185,16 +186,17 @@ def parse_campaign(
     reader: Reader | None = None,
     file_reader: FileReader | None = None,
 ) -> CampaignFile:
-    """Validate a TOML tree; see `read_campaign`.
+    """Apply settings to the TOML tree of a campaign and validate it; see `read_campaign`.
 
     Parameters
     ----------
     tree : dict
+        It is not changed.
     source : str
         Name of the source in messages.
     settings, reader, file_reader : see `read_campaign`
     default_name : str
-        Name of a campaign without one.
+        Name of the campaign if the tree has none.
     folder : Path
         Folder that relative paths start from.
 
@@ -232,7 +234,8 @@ def _parse(
     file_reader: FileReader | None,
     problems: Problems,
 ) -> CampaignFile:
-    """Validate a TOML tree; see `parse_campaign`. Problems are noted until one stage has any."""
+    """Validate a TOML tree in stages; see `parse_campaign`. After the first stage that adds
+    problems SceneError is raised with all of them."""
     check_tree(tree, problems)
     problems.raise_if_any(source)
     tree = copy.deepcopy(tree)
@@ -311,7 +314,7 @@ def _parse(
         if copulas and scene.run.sampler == SALTELLI:
             problems.add(
                 "run.sampler",
-                "needs parameters that vary independently, without [[correlation]]",
+                "needs parameters that vary independently: remove [[correlation]]",
                 scene.run.sampler,
             )
     check_formula_outcomes(scene, dispersed, problems)
@@ -349,8 +352,8 @@ def _parse(
 
 
 def _with_strokes(scene: Scene) -> Scene:
-    """Scene with the last row of its table as the stroke of each spring with a table and without a
-    stroke."""
+    """Copy of a scene in which each spring that has a table but no stroke gets the last extension
+    of the table as its stroke."""
     springs = tuple(
         msgspec.structs.replace(spring, stroke=spring.table.extension[-1])
         if spring.table is not None and spring.table.extension and math.isinf(spring.stroke)
@@ -363,8 +366,8 @@ def _with_strokes(scene: Scene) -> Scene:
 def _check_input_table(
     table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
 ) -> None:
-    """Note columns of the samples that look like an input but are no dispersed parameter, and
-    samples without any dispersed parameter."""
+    """Add a problem for each column of the samples whose name looks like an input's but is not that
+    of a dispersed parameter, and one if no column gives a dispersed parameter."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
     spellings = {_letters(name): name for name in (CASE, *known)}
@@ -375,7 +378,7 @@ def _check_input_table(
                 f"run.samples, column {name}", f"no such column; it must be called {meant}"
             )
         elif name.startswith("in_") and name not in used and name not in known:
-            reason = f"{nearest(name, known)}; samples give parameters of [dispersion]"
+            reason = f"{nearest(name, known)}; samples give only parameters of [dispersion]"
             problems.add(f"run.samples, column {name}", f"no such input here: {reason}")
     if not used - {""} and not problems:
         reason = f"gives no input: it has no column of a dispersed parameter; {nearest('', known)}"
@@ -383,12 +386,14 @@ def _check_input_table(
 
 
 def _letters(name: str) -> str:
-    """Name of a column without case, punctuation and a leading ``in_``."""
+    """Name of a column for comparison: in small letters, punctuation as ``_``, without a leading
+    ``in_``."""
     return re.sub(r"\W", "_", name).lower().removeprefix("in_")
 
 
 def _check_reference(reference: Reference, outcomes: list[str], problems: Problems) -> None:
-    """Note outcomes of a reference that are not among those of the campaign."""
+    """Add a problem for each outcome of the published statistics that the campaign does not
+    have."""
     for name in reference.outcome:
         if name not in outcomes:
             reason = "no such outcome; " + nearest(name, outcomes)
@@ -401,8 +406,9 @@ def _check_requirement(
     outcomes: list[str],
     problems: Problems,
 ) -> None:
-    """Check that a requirement bounds an outcome of the campaign, or names a status, or the
-    violation of any other requirement, without bounds."""
+    """Add problems of a requirement. Its metric is an outcome of the campaign, with a bound; or,
+    without bounds, a status other than ok, or "violation" if there are requirements of other
+    kinds."""
     key_path, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
@@ -411,13 +417,19 @@ def _check_requirement(
     metrics = [*NOT_OK_LABELS, VIOLATION, *outcomes]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
-            reason = f"{VIOLATION!r} of the other requirements has no bound: leave it out"
+            reason = (
+                f"{VIOLATION!r} of the other requirements has no bound: leave at_least and at_most "
+                "out"
+            )
             problems.add(key_path, reason)
         if all(other.metric == VIOLATION for other in requirements):
             problems.add(key_path, f"{VIOLATION!r} needs other requirements that may be violated")
     elif requirement.metric in NOT_OK_LABELS:
         if low is not None or high is not None:
-            reason = f"{requirement.metric!r} is a status, which has no bound: leave it out"
+            reason = (
+                f"{requirement.metric!r} is a status, which has no bound: leave at_least and "
+                "at_most out"
+            )
             problems.add(key_path, reason)
     elif requirement.metric not in outcomes:
         problems.add(
@@ -431,15 +443,15 @@ def _check_requirement(
         (low or 0.0) <= 0.0 and (1.0 if high is None else high) >= 1.0
     ):
         problems.add(
-            key_path, "is always satisfied: this outcome is 0 or 1; at_most = 0 allows no 1"
+            key_path, "is always satisfied: this outcome is 0 or 1; to forbid 1 give at_most = 0"
         )
     elif low is not None and high is not None and low > high:
         problems.add(f"{key_path}.at_most", f"must be at least at_least = {low:g}", high)
 
 
 def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution]:
-    """Distributions of the table [dispersion], by key; those with problems, which are noted, are
-    left out."""
+    """Convert the table [dispersion] to distributions by key, the TOML path of a parameter. Adds
+    problems; entries with one are left out."""
     if not isinstance(tree, dict):
         problems.add("dispersion", "must be a table", tree)
         return {}
@@ -461,8 +473,8 @@ def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution
 
 
 def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], source: str) -> None:
-    """Warn if the ranges of a body's dispersed moments of inertia allow a tensor that no solid body
-    has; ``source`` begins the warning."""
+    """Issue a SceneWarning for each body whose dispersed moments of inertia can form a tensor that
+    no solid body has; ``source`` begins its text."""
     by_path = {d.parameter.path: d for d in dispersions}
     for name in scene.body:
         axes = [by_path.get(f"body.{name}.inertia.{axis}") for axis in ("xx", "yy", "zz")]
@@ -489,8 +501,8 @@ def _no_effect_notes(
     dispersions: tuple[Dispersion, ...],
     distributions: dict[str, Distribution],
 ) -> Iterator[str]:
-    """Sentence on each setting that only the nominal case uses, because a distribution determines
-    the value of all others independently of it."""
+    """Yield a sentence on each setting of a nominal value that a distribution does not depend on:
+    it changes the nominal case only."""
     if "dispersion" in settings:  # the user has set the distributions too
         return
     absolute = {
@@ -517,7 +529,7 @@ def _no_effect_notes(
 
 
 def _is_absolute(spec: Distribution) -> bool:
-    """True if a distribution gives values, not widths about the nominal."""
+    """True if a distribution gives absolute values, not half ranges about the nominal value."""
     return (
         spec.discrete is not None
         or spec.constant is not None

@@ -1,4 +1,5 @@
-"""Redundant constraint rows of each phase, whose multipliers are those of minimum norm."""
+"""Redundant constraint rows: rows of the constraint Jacobian of a phase that depend linearly on
+others. The multipliers are then not unique; those of minimum norm are computed."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ _INDEPENDENT = 1e-9  # norm of an independent row's part normal to the others
 
 @dataclass(frozen=True)
 class Redundancy:
-    """Redundant rows of a phase.
+    """Redundancy of the constraint rows of one phase.
 
     Attributes
     ----------
@@ -28,7 +29,7 @@ class Redundancy:
     redundant : int
         Rows that follow from the others.
     joints : list of str
-        Joints with rows in a dependent set.
+        Names of the joints whose rows take part in a linear dependence.
     """
 
     phase: str
@@ -38,18 +39,18 @@ class Redundancy:
 
     @property
     def sentence(self) -> str:
-        """The redundancy and its consequence for joint forces, as a sentence."""
+        """Sentence for the user on the redundancy and what it means for forces in the joints."""
         return (
             f"phase {self.phase}: {self.redundant} of {self.rows} constraint rows are redundant, "
             f"among {', '.join(self.joints)}: the "
-            "motion is that of the others; the forces of these joints are not unique, the ones of "
-            "minimum sum of squares are given "
-            "(column redundant_rows), and a break load of one of them is compared with that"
+            "motion is that without them, but the forces in these joints are not unique. Reported, "
+            "and compared with break loads, are the forces of minimum sum of squares; the column "
+            "redundant_rows counts the rows"
         )
 
 
 def redundancies(scene: Scene) -> list[Redundancy]:
-    """Redundancy of each phase that has redundant rows in the initial configuration."""
+    """Return a `Redundancy` for each phase that has redundant rows in the initial configuration."""
     redundant_phases = []
     for phase, owners, left, ratios in _decompositions(scene):
         rank = int(np.count_nonzero(ratios > _REDUNDANT))
@@ -63,24 +64,24 @@ def redundancies(scene: Scene) -> list[Redundancy]:
 
 
 def check_redundancy(scene: Scene, problems: Problems) -> None:
-    """Note joints whose rows are nearly but not exactly redundant, which makes the motion
-    ill-conditioned."""
+    """Add a problem for each phase with joints whose rows are nearly but not exactly redundant:
+    round-off would determine the motion."""
     for phase, owners, left, ratios in _decompositions(scene):
         weak = (ratios > _REDUNDANT) & (ratios < _NEARLY_REDUNDANT)
         if weak.any():
             joints = _joints_of(left[:, : len(ratios)][:, weak], owners)
             ratio = ratios[weak].min()
             reason = (
-                f"{', '.join(joints)} constrain nearly the same (to {ratio:.1e}): make their "
-                "points and axes agree, or differ clearly"
+                f"{', '.join(joints)} constrain nearly the same (to {ratio:.1e}, relative): make "
+                "their points and axes agree, or differ clearly"
             )
             problems.add(f"phase.{phase}.joints", reason)
 
 
 def _decompositions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
-    """Singular value decomposition of the rows of each phase that has rows: its name, the joint of
-    each row, the left singular vectors (rows, rows) and the singular values relative to the
-    largest, falling."""
+    """Yield the singular value decomposition of the constraint rows of each phase that has rows:
+    name of the phase, joint of each row, left singular vectors (rows, rows), and singular values
+    divided by the largest, falling. Phases whose rows overflow are left out."""
     for phase in scene.phase:
         with np.errstate(over="ignore", invalid="ignore"):
             coded = [
@@ -98,7 +99,8 @@ def _decompositions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, 
 
 
 def _joints_of(vectors: np.ndarray, owners: list[str]) -> list[str]:
-    """Joints whose rows have a component in any of the vectors (rows, n)."""
+    """Names of the joints with a row that has a component in any of the ``vectors`` (rows, n);
+    ``owners`` is the joint of each row."""
     involved = np.linalg.norm(vectors, axis=1) > 1e-3
     return list(
         dict.fromkeys(owner for owner, is_in in zip(owners, involved, strict=True) if is_in)
@@ -106,9 +108,11 @@ def _joints_of(vectors: np.ndarray, owners: list[str]) -> list[str]:
 
 
 def _rows(scene: Scene, coded: list[tuple[str, int]]) -> np.ndarray:
-    """Constraint rows on velocities and angular rates of the moving bodies at the start.
+    """Rows of the constraint Jacobian, which multiply velocity and angular rate of each body, in
+    the initial configuration.
 
-    Rates are scaled by the longest arm and rows to unit length, so that units do not matter.
+    Columns of angular rates are divided by the longest arm, and rows are scaled to unit length, so
+    that units do not matter.
 
     Parameters
     ----------
@@ -142,7 +146,8 @@ def _rows(scene: Scene, coded: list[tuple[str, int]]) -> np.ndarray:
 
 
 def _of_unit_length(rows: np.ndarray) -> np.ndarray:
-    """Rows (rows, bodies, 6) scaled to unit length; zero rows stay zero."""
+    """Copy of an array (rows, bodies, 6) whose rows are scaled to unit length; zero rows stay
+    zero."""
     sizes = np.sqrt((rows**2).sum(axis=(1, 2), keepdims=True))
     return np.asarray(rows / np.where(sizes > 0.0, sizes, 1.0))
 
@@ -150,7 +155,8 @@ def _of_unit_length(rows: np.ndarray) -> np.ndarray:
 def dependent_rows(
     scene: Scene, coded: list[tuple[str, int]], groups: list[tuple[str, ...]]
 ) -> list[int]:
-    """Indices of the rows that depend linearly on those before them at the start.
+    """Find the constraint rows that, in the initial configuration, depend linearly on rows before
+    them.
 
     Parameters
     ----------
@@ -158,11 +164,12 @@ def dependent_rows(
     coded : list of (joint, code)
         Joint name and row code of each row.
     groups : list of tuple of str
-        Bodies that rotate as one rigid group.
+        Names of the bodies of each group that rotates as one rigid body.
 
     Returns
     -------
     list of int
+        Indices in ``coded`` of the dependent rows.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         rows = _rows(scene, coded)
@@ -187,8 +194,8 @@ def dependent_rows(
 
 
 def _coefficients(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (6,) of a row on velocity and angular rate of the first and of the second body,
-    both with positive sign."""
+    """Coefficients (6,) of a constraint row for velocity and angular rate of the joint's first
+    body, and those of its second body. The row is the difference of the two: second minus first."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     if at.ROTATION <= code < at.ROD:
         normal = np.cross(axes[(code - at.ROTATION) // 3], axes[(code - at.ROTATION) % 3])
@@ -209,5 +216,6 @@ def _coefficients(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np
 
 
 def _to_axes(layout: np.ndarray) -> np.ndarray:
-    """Layout vector in body axes: stations count aft."""
+    """Convert a vector (3,) from the layout, whose x counts aft, to body axes, whose x is
+    forward."""
     return np.array([-1.0, 1.0, 1.0]) * layout

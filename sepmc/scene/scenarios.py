@@ -1,5 +1,5 @@
-"""Scenarios: named failure cases of a campaign, each a few values that replace those of the
-file."""
+"""Scenarios: named variants of a campaign, such as failure cases, each given by a few values that
+replace those of the file."""
 
 import copy
 from collections.abc import Iterator, Mapping
@@ -24,13 +24,14 @@ _COMPONENTS = (("x", "y", "z"), ("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 @dataclass(frozen=True)
 class Scenario:
-    """Values that replace those of the file; a dispersed parameter among them becomes constant.
+    """Named variant of a campaign: values that replace those of the file. A dispersed parameter
+    among them becomes constant.
 
     Attributes
     ----------
     name, title : str
     settings : dict of str to any
-        Values by TOML path; ``*`` stands for any name.
+        Values by TOML path; ``*`` in a path stands for any characters of a name.
     """
 
     name: str
@@ -39,8 +40,8 @@ class Scenario:
 
 
 def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
-    """Scenarios of the array ``[[scenario]]`` of a file; problems are noted, and entries without a
-    valid name or values are left out."""
+    """Convert the array ``[[scenario]]`` of a file. Adds problems; entries without a valid name or
+    without values are left out."""
     if not isinstance(tree, list):
         problems.add("scenario", "must be an array of tables: [[scenario]]", tree)
         return ()
@@ -82,7 +83,8 @@ def scenario_tree(
     problems: Problems,
     table: InputTable | None = None,
 ) -> dict[str, Any]:
-    """Tree of a campaign with the values of a scenario, and without its scenarios.
+    """TOML tree of a campaign with the values of a scenario, and without ``[[scenario]]``,
+    ``[map]`` and ``[size]``.
 
     A parameter that the campaign disperses gets a constant distribution, so that the scenario needs
     no other kernel and its other parameters have the same random numbers.
@@ -90,14 +92,14 @@ def scenario_tree(
     Parameters
     ----------
     tree : dict
-        That of the campaign; it stays as it is.
+        TOML tree of the campaign; it is not changed.
     scene : Scene
-        That of the campaign.
+        Scene of the campaign without the scenario.
     scenario : Scenario
     problems : Problems
         Receives every problem.
     table : InputTable, optional
-        Of ``run.samples``: what it gives in every case cannot be set.
+        The table that ``run.samples`` names: a parameter that has a column in it cannot be set.
 
     Returns
     -------
@@ -127,8 +129,9 @@ def scenario_tree(
 
 
 def _numbers(settings: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """TOML path and value of each number that settings give, those in vectors and tables included.
-    A vector yields paths with all kinds of component names (x, xx, xy) and with indices."""
+    """Yield the TOML path and the value of each number in settings, also of those in vectors and
+    tables. Which names the components of a vector have is not known here: each is yielded under
+    every one (x, xx, xy, index), of which at most one is that of a parameter."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
             yield from _numbers({f"{key}.{name}": item for name, item in value.items()})
@@ -145,7 +148,7 @@ def _numbers(settings: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
 
 
 def _path(scene: Scene, key: str) -> str | None:
-    """Path of the parameter that a key names; None if it names none."""
+    """Path without units of the parameter that a TOML path names; None if it names none."""
     try:
         return find(scene, key).path
     except UnknownPath:

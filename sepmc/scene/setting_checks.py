@@ -1,4 +1,5 @@
-"""Checks of settings: paths, and settings of which one would undo another one."""
+"""Checks of settings (values by TOML path that replace those of a campaign file): paths, wildcards,
+and settings of which one would undo another."""
 
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
@@ -21,8 +22,8 @@ _DISTRIBUTION_KEYS = frozenset(
 
 
 def parts(key: str) -> list[str]:
-    """Keys of a TOML path. In [dispersion] the path of a parameter is one key; a key of its
-    distribution may follow."""
+    """Split a TOML path into keys. In [dispersion] the path of the parameter stays one key, which a
+    key of its distribution may follow: ``["dispersion", "body.upper.mass_kg", "uniform"]``."""
     table, _, rest = key.partition(".")
     if table != "dispersion" or not rest:
         return key.split(".")
@@ -31,8 +32,9 @@ def parts(key: str) -> list[str]:
 
 
 def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -> dict[str, Any]:
-    """Settings with each ``*`` of a path replaced by the names of tables it stands for:
-    ``spring.*.force_N``. Notes paths that match nothing, or another one that was set before."""
+    """Copy of settings in which each path with ``*``, such as ``spring.*.force_N``, is replaced by
+    the paths in ``tree`` that it matches. Adds a problem if it matches none, or one that was set
+    before."""
     expanded: dict[str, Any] = {}
     for key, value in settings.items():
         if not isinstance(key, str) or "*" not in key:
@@ -49,14 +51,14 @@ def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -
 
 
 def matching_keys(tree: dict[str, Any], key: str) -> list[str]:
-    """Paths that a path with wildcards ``*`` stands for. Its last key is taken as it is: it need
-    not be in the tree."""
+    """TOML paths in a tree that a path with wildcards ``*`` matches. The last key of the path is
+    not matched: it need not be in the tree."""
     return [".".join(match) for match in _matches(tree, parts(key))]
 
 
 def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
-    """Paths in a tree, as lists of keys, that a path with wildcards stands for; its last key is
-    taken as it is."""
+    """Yield the paths below ``node``, as lists of keys, that the path ``keys`` with wildcards
+    matches; its last key is not matched but appended."""
     head, rest = keys[0], keys[1:]
     if not rest:
         yield [head]
@@ -74,8 +76,8 @@ def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
 
 
 def split_units(keys: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Keys of a TOML path without their units, which identify a number in any unit; and the last
-    unit, empty if there is none."""
+    """Strip the units from the keys of a TOML path. Returns the stems, equal for one number in any
+    unit, and the last unit suffix, empty if there is none."""
     names, last = [], ""
     for table, key in zip(["", *keys], keys, strict=False):
         name, unit = (key, "") if table in (*NAMES, *_ARRAYS) else split_unit(key)
@@ -85,8 +87,9 @@ def split_units(keys: Sequence[str]) -> tuple[tuple[str, ...], str]:
 
 
 def check_settings(settings: dict[str, Any], problems: Problems) -> None:
-    """Note settings that are no paths, and those that would undo an earlier one: the same number
-    in another unit, or a whole table after a part of it. A part after its table only changes it."""
+    """Add a problem for each setting whose path is not text, or which would undo an earlier one:
+    the same number in another unit, or a whole table after a key in it. A key after its table is
+    valid."""
     earlier: dict[tuple[str, ...], str] = {}
     for key, value in settings.items():
         if not isinstance(key, str):

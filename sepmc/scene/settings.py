@@ -1,4 +1,5 @@
-"""Settings ``path = value``: put into a TOML tree, and read from the command line."""
+"""Settings, values by TOML path that replace those of a campaign file: their parsing on the command
+line, and their application to a TOML tree."""
 
 import json
 import tomllib
@@ -15,8 +16,8 @@ from sepmc.scene.units import UNITS, split_unit, unit_kind
 
 
 def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Problems) -> None:
-    """Put settings, values by TOML path, into a tree, in place; paths that do not exist are
-    noted."""
+    """Put settings, values by TOML path, into a TOML tree, in place. Keys that are not in the tree
+    are created, but not bodies, joints or entries of arrays: a path to these adds a problem."""
     for key, value in settings.items():
         _put(tree, parts(key), _builtin(value), problems, key)
 
@@ -24,19 +25,20 @@ def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Pro
 def _put(
     node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
 ) -> None:
-    """Put a value at a TOML path, replacing the same parameter in another unit.
+    """Put a value into a tree at a TOML path, in place; the same key in another unit is removed.
 
     Parameters
     ----------
     node : dict or list
+        Part of the tree.
     keys : list of str
-        Rest of the path.
+        Path from there.
     value : any
     problems : Problems
     key : str
         The whole path, for messages.
     table : str
-        Key of ``node``. Bodies and joints are named by the user: they are changed, not created.
+        Key that ``node`` has in its parent; bodies and joints are changed but not created.
     """
     head, rest = keys[0], keys[1:]
     if isinstance(node, list):
@@ -96,7 +98,7 @@ def _put(
 
 
 def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
-    """Components of every vector of the model, by the name of its field."""
+    """Component names of every vector in a struct and the structs nested in it, by field name."""
     components: dict[str, tuple[str, ...]] = {}
     for field in fields_of(kind).values():
         inner = field.table or field.table_of_tables or field.array_of_tables
@@ -113,8 +115,8 @@ _COMPONENTS = _vector_components(Scene)
 
 
 def _builtin(value: Any) -> Any:
-    """Setting from Python with the types of TOML: numpy numbers and tuples become numbers and
-    lists."""
+    """Convert a value from Python to types of TOML: numpy numbers and arrays become numbers and
+    lists, tuples become lists, also where they are nested."""
     if isinstance(value, dict):
         return {str(k): _builtin(v) for k, v in value.items()}
     if hasattr(value, "tolist"):
@@ -123,8 +125,8 @@ def _builtin(value: Any) -> Any:
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Path and value of a command-line setting ``path=value``, whose value is TOML or else text.
-    Raises SceneError if it has no path or no ``=``, or is not valid UTF-8."""
+    """Split a command-line setting ``path=value`` into path and value; a value that is not TOML is
+    text. Raises SceneError if there is no path or no ``=``, or the text is not valid UTF-8."""
     key, separator, raw = text.partition("=")
     try:
         text.encode()
@@ -142,7 +144,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
 
 
 def inline_toml(value: Any) -> str:
-    """Value as in a file, on one line; JSON writes numbers, texts and lists as TOML does."""
+    """Text of a value in TOML, on one line."""
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{k} = {inline_toml(v)}' for k, v in value.items())} }}"
     return json.dumps(value)

@@ -1,4 +1,4 @@
-"""Checks of dispersed joint and spring axes and of dispersed outlines."""
+"""Checks that dispersed joint axes, spring axes and outlines are valid in every case."""
 
 import math
 from collections.abc import Sequence
@@ -15,8 +15,9 @@ _MAY_BE_ZERO = "the axis may be zero: narrow the distributions"
 
 
 def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Problems) -> None:
-    """Note dispersions that can make an axis zero, the axes of a joint parallel, a shell of no
-    length or a sector of no width. Of a normal distribution without truncation 3 sigma count."""
+    """Add a problem for each dispersion that can make an axis zero, the two axes of a joint
+    parallel, a shell of no length, or a sector of no width or more than a full turn. A normal
+    distribution without truncation is taken to reach 3 sigma."""
     ranges: Ranges = {}
     for one in dispersions:
         low, high = (bound * one.parameter.factor for bound in one.reach)
@@ -68,19 +69,20 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
 
 
 def _box(path: str, axis: Sequence[float], ranges: Ranges) -> Box:
-    """Ranges of the components of an axis: those of dispersions, its nominal for others."""
+    """Ranges (low, high) of the three components of an axis vector: of a dispersed component from
+    ``ranges``, of others the nominal value twice."""
     return [
         ranges.get(f"{path}.{key}", (value, value)) for key, value in zip(XYZ, axis, strict=True)
     ]
 
 
 def _may_vanish(box: Box) -> bool:
-    """True if the box contains zero."""
+    """True if the box contains the zero vector."""
     return all(low <= 0.0 <= high for low, high in box)
 
 
 def _cross(x: Box, y: Box) -> Box:
-    """Box that bounds the cross products of vectors in two boxes."""
+    """Box that contains the cross product of every vector of one box with every one of another."""
     box = []
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -90,5 +92,5 @@ def _cross(x: Box, y: Box) -> Box:
 
 
 def _products(a: tuple[float, float], b: tuple[float, float]) -> list[float]:
-    """Products of the ends of two ranges."""
+    """The four products of an end of one range and an end of another."""
     return [p * q for p in a for q in b]

@@ -1,5 +1,5 @@
-"""Signals: formulas of quantities of the flight, read from a file, and the numbers that they give
-during flight."""
+"""Signals, formulas of quantities of the flight: reading and checking those of a file, and the
+numbers of a scene that signals give during flight."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -58,10 +58,11 @@ _TIMES = 400  # at which `size` looks for the largest value
 
 
 class Quantity(NamedTuple):
-    """Quantity of the flight that a formula names.
+    """Quantity of the flight that a formula names, such as ``upper.pitch_deg``.
 
-    ``table`` is time, body, joint, spring or event, ``item`` the name of one but time, ``key`` the
-    quantity. In the unit of its name it is its value in SI over ``factor``.
+    ``table`` is "time", "body", "joint", "spring" or "event", ``item`` the name of that body,
+    joint, spring or event (empty for time), ``key`` the quantity without unit ("pitch"), ``factor``
+    the factor from the unit of the name to SI.
     """
 
     table: str
@@ -71,19 +72,21 @@ class Quantity(NamedTuple):
 
 
 def take_driven(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Take the names of signals, given in place of numbers, out of the tables of a campaign.
+    """Replace by 0, and return, the names of signals that stand in place of numbers in the loads,
+    motors and springs of a campaign.
 
     Parameters
     ----------
     tree : dict
-        It stays as it is.
+        TOML tree of a campaign; it is not changed.
 
     Returns
     -------
     tree : dict
-        With 0 in place of each name.
+        A copy with 0 in place of each name.
     driven : dict of str to (str, Driven)
-        TOML path and signal of each name, by the path of the parameter that the signal gives.
+        TOML path (for messages) and signal of each name, by the path without units of the parameter
+        that the signal gives.
     """
     result, driven = dict(tree), dict[str, Any]()
     for array, (kind, fields) in _DRIVEN.items():
@@ -113,8 +116,8 @@ def take_driven(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[tuple[str, str]]]:
-    """Value of a key with 0 in place of names, and (component, name) of each; the component is
-    empty for a number."""
+    """Copy of a key's value with 0 in place of each name of a signal, and (component, name) of each
+    name. ``components`` are those of a vector; for a number both are empty."""
     if isinstance(value, str):
         return (0.0, [("", value)]) if not components else (value, [])
     if components and isinstance(value, list) and len(value) == len(components):
@@ -128,8 +131,8 @@ def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[t
 
 
 def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
-    """Signals of the array ``[[signal]]`` of a file: keys that are no field of `Signal` are
-    constants of its formula. Problems are noted; entries that cannot be read are left out."""
+    """Convert the array ``[[signal]]`` of a file: keys that are no field of `Signal` become
+    constants of its formula. Adds problems; entries that cannot be read are left out."""
     if not isinstance(tree, list):
         problems.add("signal", "must be an array of tables: [[signal]]", tree)
         return ()
@@ -152,7 +155,7 @@ def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
             continue
         _check_states(signal, key_path, problems)
         if signal.name in _WORDS:
-            problems.add(f"{key_path}.name", "is a word of formulas; choose another", name)
+            problems.add(f"{key_path}.name", "is a word of formulas; choose another name", name)
         if any(signal.name == other.name for other in signals):
             problems.add(key_path, "the name is used twice")
         signals.append(msgspec.structs.replace(signal, constants=constants))
@@ -160,7 +163,8 @@ def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
 
 
 def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
-    """Note keys of a signal's response that do not go together."""
+    """Add problems for keys of a signal that exclude or need each other: ``lag_s``, ``servo``,
+    ``integral``, ``rate_limit``, ``delay_s``, ``sample_s``, ``initial``."""
     responses = {"lag_s": signal.lag, "servo": signal.servo, "integral": signal.integral or None}
     given = [key for key, value in responses.items() if value is not None]
     if len(given) > 1:
@@ -178,8 +182,8 @@ def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
 
 
 def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
-    """Value of a constant of a signal, as written; 0, with the problem noted, if its name or value
-    is not valid."""
+    """Value of the constant ``key`` of a signal, as written in the file; 0, after adding a problem,
+    if its name or value is not valid."""
     if not _IDENTIFIER.fullmatch(key) or len(key) > NAME:
         problems.add(
             key_path, f"a name is a letter followed by at most {NAME - 1} letters, digits or _"
@@ -198,8 +202,9 @@ def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
 def check_signals(
     scene: Scene, driven: Mapping[str, tuple[str, Driven]], problems: Problems
 ) -> None:
-    """Note formulas that cannot be parsed, unknown names in them, constants not used, cycles, too
-    many samples, and numbers that ``driven`` (see `take_driven`) gives to unknown signals."""
+    """Add a problem for each formula that cannot be parsed, name in one that is unknown, constant
+    not used, signal that depends on its own present value, signal with too many samples, and number
+    of ``driven`` (see `take_driven`) whose signal does not exist."""
     for signal in scene.signal:
         if signal.sample is not None and scene.run.end_time / signal.sample > _MOST_SAMPLES:
             reason = f"gives more than {_MOST_SAMPLES:,} samples up to {scene.run.end_time:g} s"
@@ -223,10 +228,10 @@ def check_signals(
         trees[signal.name] = tree
         for constant in signal.constants:
             if constant in known:
-                reason = "is the name of a signal too; choose another"
+                reason = "is the name of a signal too; choose another name"
                 problems.add(f"signal.{signal.name}.{constant}", reason)
             elif constant not in names(tree):
-                reason = "unknown key, and no constant of the formula: it does not name it"
+                reason = "unknown key, and no constant of the formula, which does not name it"
                 problems.add(f"signal.{signal.name}.{constant}", reason)
         for name in names(tree):
             others = [*signal.constants, *known]
@@ -242,7 +247,9 @@ def check_signals(
 
 
 def _cycle(name: str, trees: Mapping[str, Node], above: tuple[str, ...]) -> tuple[str, ...]:
-    """Names from a signal back to itself; empty if it does not depend on itself."""
+    """Names of signals on a dependency cycle that is reached from the signal ``name``, the first
+    repeated at the end; empty if there is none. ``trees`` are the formulas by signal, ``above`` the
+    signals followed so far."""
     if name in above:
         return (*above[above.index(name) :], name)
     for other in names(trees[name]):
@@ -252,8 +259,9 @@ def _cycle(name: str, trees: Mapping[str, Node], above: tuple[str, ...]) -> tupl
 
 
 def quantity(name: str, items: Items) -> Quantity | None:
-    """Quantity that a name of a formula means (``time_s``, ``upper.pitch_deg``,
-    ``joint.ring.stroke_m``) in a scene with these items; None if it is unknown."""
+    """Quantity that a name in a formula means, such as ``time_s``, ``upper.pitch_deg`` or
+    ``joint.ring.stroke_m``; None if it is unknown. ``items`` are the names of the scene's bodies,
+    joints, springs and events (`items_of`)."""
     *head, last = name.split(".")
     key, unit = split_unit(last)
     if not head:
@@ -271,7 +279,8 @@ def quantity(name: str, items: Items) -> Quantity | None:
 
 
 def items_of(scene: Scene) -> Items:
-    """Names of the bodies, joints, springs and events of a scene."""
+    """Names of the bodies, joints, springs and events of a scene, by "body", "joint", "spring" and
+    "event"."""
     return {
         "body": list(scene.body),
         "joint": list(scene.joint),
@@ -281,7 +290,8 @@ def items_of(scene: Scene) -> Items:
 
 
 def _unknown(name: str, scene: Scene, others: list[str]) -> str:
-    """Reason why a name of a formula is unknown; empty if it is a quantity that the scene has."""
+    """Reason, for a message, why a formula cannot use ``name``; empty if it is a quantity that the
+    scene has. ``others`` are the names of constants and signals, which the message may suggest."""
     items = items_of(scene)
     known = quantity(name, items)
     if known is not None:
@@ -305,7 +315,8 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
 
 
 def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> str:
-    """Reason why a quantity of a body, joint, spring or event is unknown."""
+    """Reason, for a message, why a dotted name is no quantity of a body, joint, spring or event:
+    ``head`` are its parts before the last dot, ``last`` is the one after it."""
     if head[0] in _OF_ITEM and head[0] not in scene.body:
         kinds = _OF_ITEM[head[0]]
         if len(head) != 2 or head[1] not in items[head[0]]:
@@ -326,12 +337,14 @@ def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> 
 
 
 def _spellings(stem: str, key: str, kind: str) -> str:
-    """Names of a quantity in all its units, after ``stem``, with commas."""
+    """Text that lists the names of a quantity in all units of its kind, each after ``stem``:
+    "upper.pitch_deg, upper.pitch_rad"."""
     return ", ".join(f"{stem}{key}_{unit}" for unit in UNITS[kind])
 
 
 def idle_signals(scene: Scene) -> list[str]:
-    """Names of the signals that give no number of the scene and that no other signal names."""
+    """Names of the signals without effect: they give no number of the scene, and no other signal
+    names them."""
     named = {drive.signal for drive in scene.driven.values()} | {*signal_terms(scene).values()}
     for signal in scene.signal:
         named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}
@@ -339,8 +352,9 @@ def idle_signals(scene: Scene) -> list[str]:
 
 
 def with_sizes(scene: Scene) -> Scene:
-    """Copy of a scene with a size in place of every number that a signal gives: its largest
-    magnitude over time with all other quantities at 0. For estimates of scales, speeds, heights."""
+    """Copy of a scene in which each number that a signal gives is the largest magnitude of the
+    signal's formula over the run, with all quantities but time at 0. For estimates of scales,
+    speeds and heights."""
     times = np.linspace(0.0, scene.run.end_time, _TIMES)
     sizes = {}
     for path, drive in scene.driven.items():
@@ -350,7 +364,8 @@ def with_sizes(scene: Scene) -> Scene:
 
 
 def value_at(scene: Scene, name: str, times: np.ndarray) -> np.ndarray:
-    """Values (n,) of the formula of a signal at times (n,), s, with all other quantities at 0."""
+    """Values (n,) of the formula of the signal ``name`` at ``times`` (n,), s, with all quantities
+    but time at 0; lags, servos, integrals and samples are ignored."""
     by_name = {signal.name: signal for signal in scene.signal}
     known: dict[str, np.ndarray] = {}
 

@@ -1,5 +1,5 @@
-"""Python functions as formulas: a function is called once with symbols in place of quantities, and
-what it computes is the syntax tree of a formula."""
+"""Python functions as formulas: a function is called once with symbols in place of numbers, and its
+result is the syntax tree of a formula."""
 
 from collections.abc import Callable
 from typing import Any
@@ -46,10 +46,11 @@ _ATOM = 9
 
 
 class Symbol:
-    """Number or condition that a Python function computes with.
+    """Stand-in for a number or condition that is known in flight only: operators and numpy
+    functions (``np.sin``, ``np.minimum``, ``np.where``) applied to it build a syntax tree.
 
-    The attributes of a name are longer names: ``q.upper.pitch_deg``, also ``q["upper.pitch_deg"]``.
-    Functions are those of numpy: ``np.sin``, ``np.minimum``, ``np.where``.
+    An attribute extends the name of a quantity: ``q.upper.pitch_deg``, also
+    ``q["upper.pitch_deg"]``.
     """
 
     __slots__ = ("node",)
@@ -87,7 +88,7 @@ class Symbol:
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> "Symbol":
         if method != "__call__" or options or ufunc not in _UFUNCS:
             known = ", ".join(f"np.{one.__name__}" for one in [*_UFUNCS, *_FUNCTIONS])
-            raise TypeError(f"np.{ufunc.__name__} is no function of formulas, which are {known}")
+            raise TypeError(f"np.{ufunc.__name__} is no function of formulas; those are {known}")
         return _applied(_UFUNCS[ufunc], *inputs)
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> "Symbol":
@@ -157,12 +158,13 @@ class Symbol:
 
 
 def _applied(function: str, *inputs: Any) -> Symbol:
-    """Symbol of a function of symbols and numbers."""
+    """Symbol of the result of a formula function or operator (by its name in formulas) applied to
+    symbols and numbers."""
     return Symbol(apply(function, tuple(map(_node, inputs))))
 
 
 def _node(value: Any) -> Node:
-    """Node of a symbol or a number."""
+    """Syntax tree of a symbol or a number. Raises TypeError for anything else."""
     if isinstance(value, Symbol):
         if value.node is None:
             raise TypeError("name a quantity, such as q.time_s")
@@ -173,12 +175,13 @@ def _node(value: Any) -> Node:
 
 
 def text(node: Node) -> str:
-    """Text of a syntax tree, of which `sepmc.scene.formula.parse` makes the same tree."""
+    """Text of a formula from its syntax tree; `sepmc.scene.formula.parse` makes the same tree from
+    it."""
     return _text(node)[0]
 
 
 def _text(node: Node) -> tuple[str, int]:
-    """Text of a node and its precedence."""
+    """Text of a node, and the precedence of its outermost operator (`_PRECEDENCE`, or `_ATOM`)."""
     if isinstance(node, Number):
         return repr(node.value), _ATOM if node.value >= 0.0 else _PRECEDENCE["negative"]
     if isinstance(node, Name):
@@ -198,25 +201,27 @@ def _text(node: Node) -> tuple[str, int]:
 
 
 def _in_brackets(part: tuple[str, int], rank: int) -> str:
-    """Text of ``part`` (text, precedence), in brackets if its precedence is below a rank."""
+    """Text of ``part``, a pair (text, precedence), in brackets if the precedence is below
+    ``rank``."""
     return part[0] if part[1] >= rank else f"({part[0]})"
 
 
 def trace_load(name: str, function: Function) -> dict[str, tuple[float | str, ...]]:
-    """Components of a load by a Python function.
+    """Convert a Python function that computes a load to numbers and formulas.
 
     Parameters
     ----------
     name : str
         of the load, for messages
     function : callable
-        of the symbol that all quantities are attributes of; returns three components of the force,
-        N, or those and three of the moment, N m
+        of one symbol, whose attributes are the quantities of the flight; returns the three
+        components of the force, N, or a pair: those, and the three of the moment, N m
 
     Returns
     -------
     dict of str to tuple of 3
-        of force and moment, each component a number or the text of a formula
+        "force" and, if the function returns it, "moment": each component a number or the text of a
+        formula
 
     Raises
     ------
@@ -228,7 +233,7 @@ def trace_load(name: str, function: Function) -> dict[str, tuple[float | str, ..
         vectors = [result] if _is_vector(result) else result
         is_valid = isinstance(vectors, tuple | list) and 0 < len(vectors) <= 2
         if not (is_valid and all(map(_is_vector, vectors))):
-            shape = "three components of the force, or those and three of the moment"
+            shape = "three components of the force, or a pair: those and three of the moment"
             raise InputError(f"load {name}: its function must return {shape}")
         named = zip(("force", "moment"), vectors, strict=False)
         return {key: tuple(map(_component, vector)) for key, vector in named}
@@ -241,20 +246,22 @@ def trace_load(name: str, function: Function) -> dict[str, tuple[float | str, ..
 
 
 def with_load(tree: dict[str, Any], load: dict[str, Any], function: Function) -> dict[str, Any]:
-    """Tree of a campaign with one more load by a Python function, and signals for its components.
+    """TOML tree of a campaign with one more load, whose components a Python function computes;
+    those that are formulas become signals ``LOAD_force_x`` and so on.
 
     Parameters
     ----------
     tree : dict
-        It stays as it is.
+        TOML tree of the campaign; it is not changed.
     load : dict
-        The table of the load, without force and moment.
+        TOML table of the load (``name``, ``body``, ...) without force and moment.
     function : callable
         See `trace_load`.
 
     Returns
     -------
     dict
+        A new tree.
     """
     load, signals, name = dict(load), [], load["name"]
     for key, components in trace_load(name, function).items():
@@ -274,12 +281,13 @@ def with_load(tree: dict[str, Any], load: dict[str, Any], function: Function) ->
 
 
 def _is_vector(value: Any) -> bool:
-    """True for three components."""
+    """True for a tuple, list or array of three items."""
     return isinstance(value, tuple | list | np.ndarray) and len(value) == len("xyz")
 
 
 def _component(value: Any) -> float | str:
-    """A number, or the text of a formula."""
+    """Component of a load as a number, or as the text of a formula if it is a symbol. Raises
+    TypeError for a condition or anything else."""
     node = _node(value)
     if is_condition(node):
         raise TypeError("a component is a condition, not a number: use np.where")

@@ -1,4 +1,5 @@
-"""Conversion of TOML trees to tables of the model: keys with units to SI, problems by place."""
+"""Conversion of TOML trees to structs of the model: values to SI by the unit of their key, and a
+problem with its TOML path for each that is not valid."""
 
 import difflib
 import math
@@ -22,14 +23,14 @@ _RENAMED = {"plan": "samples"}  # keys of earlier versions
 
 
 def read_table(kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems) -> Any:
-    """Convert a TOML table.
+    """Convert a TOML table to a struct of the model.
 
     Parameters
     ----------
     kind : type
-        Table of the model.
+        Struct to convert to.
     tree : dict
-        Other types are noted as a problem.
+        The table; anything but a dict is a problem.
     key_path : str
         TOML path of the table.
     problems : Problems
@@ -77,8 +78,8 @@ def read_table(kind: type[msgspec.Struct], tree: Any, key_path: str, problems: P
 
 
 def _read_value(field: Field, value: Any, factor: float, key_path: str, problems: Problems) -> Any:
-    """Convert the value of one key to its type in the model, SI; ``factor`` is that of its unit to
-    SI. Problems are noted."""
+    """Convert the value of one key to the type of its field, in SI; ``factor`` is that of the key's
+    unit to SI. Adds problems; the result is None, or incomplete, if there are any."""
     if field.table:
         return read_table(field.table, value, key_path, problems)
     if field.table_of_tables:
@@ -103,7 +104,8 @@ def _read_value(field: Field, value: Any, factor: float, key_path: str, problems
 def _read_items(
     field: Field, tree: dict[str, Any], key_path: str, problems: Problems
 ) -> dict[str, Any]:
-    """Convert a table of free keys: the terms of a polynomial, or the joints of a phase."""
+    """Convert a table whose keys are free, such as the terms of a polynomial or the joints of a
+    phase. Adds problems."""
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():
@@ -121,8 +123,8 @@ def _read_items(
 def _components(
     field: Field, value: dict[str, Any], factor: float, key_path: str, problems: Problems
 ) -> list[Any]:
-    """Components, in order and in the unit of the key, of a vector written as ``{ y = 1.0 }``;
-    omitted ones have their default. ``factor`` is that of the unit to SI."""
+    """Convert a vector written as a table, ``{ y = 1.0 }``, to the list of its components in the
+    unit of its key; omitted ones have their default. ``factor`` is that of the unit to SI."""
     names = field.quantity.components
     for key in value:
         if key not in names:
@@ -134,7 +136,8 @@ def _components(
 def _read_named(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> dict[str, Any]:
-    """Convert a table of tables by name."""
+    """Convert a table of tables by name, such as [body.NAME], to a dict of structs of a kind. Adds
+    problems; a table with problems gives None."""
     if not isinstance(tree, dict):
         problems.add(key_path, "must be a table of tables", tree)
         return {}
@@ -155,8 +158,8 @@ def _read_named(
 def read_array(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> tuple[Any, ...]:
-    """Convert an array of tables to a tuple; messages have the name of a table, or its index, as
-    key. See `read_table`; a table with problems gives None."""
+    """Convert an array of tables to a tuple of structs of a kind (`read_table`). Adds problems, in
+    which the name of a table, or its index, stands as a key; a table with problems gives None."""
     if not isinstance(tree, list):
         problems.add(key_path, f"must be an array of tables: [[{key_path}]]", tree)
         return ()
@@ -172,7 +175,8 @@ def read_array(
 
 
 def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
-    """Name of the field that was probably meant by an unknown key, and the message."""
+    """Guess what an unknown key means: name of the field that was probably meant (``key`` itself if
+    none is near), and the message on the key."""
     if (renamed := _RENAMED.get(key, "")) in fields:
         return renamed, f"unknown key; it is now called {renamed!r}"
     stem, unit = split_unit(key)
@@ -203,7 +207,7 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
 
 
 def _missing(field: Field) -> str:
-    """Text that names a missing key, in its first unit, or a missing table."""
+    """Text for a message that names a missing key, with its first unit, or a missing table."""
     if field.table or field.table_of_tables:
         return f"table [{field.name}]"
     if field.array_of_tables:
@@ -212,7 +216,8 @@ def _missing(field: Field) -> str:
 
 
 def _size_fault(value: Any) -> str:
-    """Reason why numbers, in SI, are rejected: too large, or not finite; empty if valid."""
+    """Reason, for a message, why a number in a value (in SI, perhaps nested) is rejected: too
+    large, or not finite; empty if there is none."""
     if isinstance(value, float):
         if abs(value) <= LARGEST:
             return ""
@@ -225,5 +230,5 @@ def _size_fault(value: Any) -> str:
 
 
 def _join(key_path: str, key: str) -> str:
-    """TOML path of a key of a table."""
+    """TOML path of a key in the table at ``key_path``, which is empty for the file itself."""
     return f"{key_path}.{key}" if key_path else key

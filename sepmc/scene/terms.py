@@ -1,4 +1,4 @@
-"""Terms of aerodynamic polynomials."""
+"""Names of the terms of aerodynamic polynomials, such as ``alpha2_q``, or of signals."""
 
 import re
 
@@ -9,12 +9,14 @@ TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[p
 
 
 def signal_of(term: str) -> str:
-    """Name of the signal that a term of a polynomial multiplies; empty for other terms."""
+    """Name of the signal that a term of a polynomial is proportional to, which is the term's name;
+    empty for terms of angles and rates."""
     return "" if TERM.match(term) else term
 
 
 def signal_terms(scene: Scene) -> dict[str, str]:
-    """Signals that terms of aerodynamic polynomials multiply, by the paths of the terms."""
+    """Names of the signals that terms of aerodynamic polynomials are proportional to, by the path
+    of the term's coefficient."""
     return {
         f"body.{name}.aerodynamics.{coefficient}.{term}": term
         for name, body in scene.body.items()

@@ -47,12 +47,14 @@ _SUFFIXES = sorted({s for table in UNITS.values() for s in table}, key=len, reve
 
 
 def unit_kind(suffix: str) -> str:
-    """Kind of quantity that a suffix measures."""
+    """Kind of quantity (a key of `UNITS`) of a unit suffix: "length" for ``mm``. Raises
+    StopIteration if the suffix is unknown."""
     return next(kind for kind, table in UNITS.items() if suffix in table)
 
 
 def unit_text(suffix: str) -> str:
-    """Text of a suffix: deg/s for ``deg_s``, kg m2 for ``kg_m2``, 1 for none."""
+    """Unit suffix as text for readers: "deg/s" for ``deg_s``, "kg m2" for ``kg_m2``, "1" for an
+    empty one."""
     over, per, under = suffix.partition("_per_")
     if per:
         return f"{over.replace('_', ' ')}/{under}"
@@ -61,7 +63,8 @@ def unit_text(suffix: str) -> str:
 
 
 def split_unit(key: str) -> tuple[str, str]:
-    """Split ``mass_kg`` into ``("mass", "kg")``; a key without a known unit gives ``(key, "")``."""
+    """Split a key into stem and unit suffix: ``mass_kg`` into ``("mass", "kg")``; a key without a
+    known unit into ``(key, "")``."""
     for suffix in _SUFFIXES:
         if key.endswith("_" + suffix):
             return key[: -len(suffix) - 1], suffix

@@ -169,8 +169,8 @@ def test_other_reference_quantities_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        ("", "and taken about the centre of mass: give moment_point_m"),
-        ("moment_point_m = [1.2, 0, 0]", "and taken about moment_point_m = [1.2, 0, 0]: one"),
+        ("", "but taken about the centre of mass: give moment_point_m"),
+        ("moment_point_m = [1.2, 0, 0]", "but taken about moment_point_m = [1.2, 0, 0]: these"),
         ("moment_point_mm = [446, 0, 0]", None),
     ],
 )

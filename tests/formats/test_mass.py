@@ -124,7 +124,7 @@ def test_link_is_chosen_by_name(tmp_path):
     text = f"<robot>{urdf()}{urdf(name='lower')}<link name='empty'/></robot>"
     check(body_of(tmp_path, text, axes="forward-left-up", link="lower")[0])
     for options, reason in [
-        ({}, 'has 2 of link; choose by link = "NAME": stage, lower'),
+        ({}, 'has 2 elements link; choose one by link = "NAME": stage, lower'),
         ({"link": "uper"}, "has no link 'uper'"),
     ]:
         with pytest.raises(ValueError, match=reason):
@@ -244,7 +244,7 @@ def test_angles_of_a_model_with_includes_are_refused(tmp_path):
 
 def test_unit_that_is_none(tmp_path):
     (tmp_path / "m.xml").write_text(jsbsim().replace("KG*M2", "LB*FT2"))
-    with pytest.raises(FormatError, match=r"line 4: ixx is in 'LB\*FT2'; must be of SLUG\*FT2"):
+    with pytest.raises(FormatError, match=r"line 4: ixx is in 'LB\*FT2'; must be in SLUG\*FT2"):
         read_mass(tmp_path / "m.xml", {})
 
 

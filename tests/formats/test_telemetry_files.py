@@ -181,7 +181,7 @@ def test_names_that_cannot_be_printed(tmp_path):
     with pytest.raises(FormatError, match=r"known here: g\\x1b\[2"):
         read(tmp_path / "f.mat", "signal_gain=nothing")
     pd.DataFrame({"t": TIME, "g\x1b[2": RATE}).to_parquet(tmp_path / "f.parquet")
-    with pytest.raises(FormatError, match=r"has a column of another name than text: g\\x1b\[2"):
+    with pytest.raises(FormatError, match=r"has a column whose name is no plain text: g\\x1b\[2"):
         read(tmp_path / "f.parquet", "signal_gain=nothing")
 
 
