@@ -1,12 +1,13 @@
-"""Sampling of case tables from dispersions: the only module that draws random numbers.
+"""Sampling of case tables from dispersions: the source of the random inputs of all cases.
 
 Each dispersed parameter has its own Philox stream, keyed by the seed and its path without unit.
 Case i uses number i of each stream: more parameters or more cases change no other value, and any
 case can be sampled alone. A Latin hypercube puts case i into the stratum of a permutation; a Sobol
 sequence gives each parameter a dimension, in file order. A Saltelli design has groups of cases: a
-Sobol point, and copies of it with one parameter after the other taken from a second point, of eight
-independently scrambled sequences, whose differences give the error of an index. Rare-event
-estimates take normal scores from generators keyed by the seed and their purpose.
+Sobol point, copies of it in which one parameter each is taken from a second point, and the second
+point. Its points come from eight independently scrambled Sobol sequences, whose differences give
+the error of an index. Rare-event estimates take normal scores from generators keyed by the seed and
+their purpose.
 """
 
 import hashlib
@@ -325,7 +326,7 @@ def normal_score(probability: float) -> float:
 
 
 def correlated_scores(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarray:
-    """Return normal scores (n, d) that are correlated as the copulas say, made of independent
+    """Return normal scores (n, d) with the correlations of the copulas, made of independent
     ``scores`` (n, d), which stay as they are."""
     rows = scores.T.copy()
     for copula in copulas:
