@@ -30,7 +30,8 @@ class RunStatistics:
     table : DataFrame, a row per outcome
         Statistics with numerical errors, and the reference values of the campaign if any.
     audit : DataFrame, a row per audit column
-        Largest values of the audit columns, and their bounds.
+        Worst value, its case, its bound and the number of cases beyond it
+        (`sepmc.analysis.statistics.audit`).
     verdicts : list of Verdict
         One per requirement.
     manifest : mapping

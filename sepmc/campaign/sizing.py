@@ -160,8 +160,8 @@ def start_search(
         if cases < needed:
             raise InputError(
                 f"cases = {cases}: requirement {item.name} cannot be shown with fewer than "
-                f"{needed}: its verdict comes from {VERDICT_CASES} times as many, at a confidence "
-                "raised for several runs"
+                f"{needed}, in a run of {VERDICT_CASES} times as many for the verdict, at a "
+                "confidence raised for several such runs"
             )
     seed = campaign.checked_seed(seed)
     vary = {one.key: (one.low, one.high) for one in variables}

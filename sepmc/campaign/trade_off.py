@@ -105,7 +105,9 @@ def trade_off(
     def shown(goal: Goal) -> Sizing:
         point = shown_design(campaign, search, goal, tries, threads, no_log)
         if announce:
-            announce(f"{design_text(point.values)}: {'' if point.shown else 'not '}shown")
+            announce(
+                f"{design_text(point.values)}: requirements {'' if point.shown else 'not '}shown"
+            )
         return point
 
     spread = search.spread_of_costs(1.0)
