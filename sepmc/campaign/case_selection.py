@@ -175,6 +175,7 @@ def read(value: Any, name: str = "cases") -> int | CaseSelection:
 
 
 def _from_text(text: str, name: str) -> int | CaseSelection:
+    """Parse text for `read`, which has the same result and errors."""
     error = InputError(f"{name} = {text}: {_ALLOWED}")
     if "," not in text and ":" not in text:
         try:

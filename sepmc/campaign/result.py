@@ -213,6 +213,7 @@ class Result:
 
     @property
     def _errors(self) -> Mapping[str, float]:
+        """Relative numerical error by outcome; empty if it is not known."""
         return self.accuracy.errors if self.accuracy else {}
 
     def requirements(self) -> pd.DataFrame:
@@ -399,6 +400,7 @@ class Result:
         return {label: count for label, count in self.kept.summary.counts.items() if count}
 
     def _rows(self) -> Mapping[str, np.ndarray]:
+        """Return the case rows, arrays by column. Raises InputError if the run stored none."""
         if self.kept.rows is None:
             raise InputError(
                 "this run stored statistics only, so it has no rows; run without stats_only, or "

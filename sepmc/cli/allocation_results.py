@@ -70,6 +70,7 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
 
 
 def _without_proposal(allocation: Allocation) -> str:
+    """Return a sentence on why an allocation proposes nothing, or its proposal is not shown."""
     if allocation.verdicts is None:
         return (
             "no proposal: no single halved spread lowers the probability with 95 % confidence: "
@@ -100,6 +101,7 @@ def _change(row: Mapping[Any, Any], name: str) -> list[str]:
 
 
 def _passes(row: Mapping[Any, Any]) -> str:
+    """Return text on whether the run with the doubled spread of a row passes; a dash if unknown."""
     return {True: "may be doubled", False: "fails"}.get(row["double_passes"], "-")
 
 

@@ -62,7 +62,8 @@ if TYPE_CHECKING:
 @click.option(
     "--cluster",
     metavar="tcp://HOST:PORT",
-    help="Address of a Dask scheduler whose workers run the cases; all see --out under one path.",
+    help="Address of a Dask scheduler whose workers run the cases; every worker must see --out "
+    "under the same path.",
 )
 @SETTINGS
 @NO_PLOTS
@@ -80,9 +81,13 @@ if TYPE_CHECKING:
     "requirement), every:1000, or all.",
 )
 @click.option(
-    "--keep-columns", metavar="PATTERN,...", help="Columns of the rows of --keep: 'in_*,upper_*'."
+    "--keep-columns",
+    metavar="PATTERN,...",
+    help="Columns to store of the rows that --keep selects: 'in_*,upper_*'.",
 )
-@click.option("--float32", is_flag=True, help="Store the rows of --keep in single precision.")
+@click.option(
+    "--float32", is_flag=True, help="Store the rows that --keep selects in single precision."
+)
 @click.option(
     "--until",
     metavar="METRIC:TOLERANCE",

@@ -168,6 +168,7 @@ def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[
 
 
 def _test_text(test: ChiSquareTest) -> str:
+    """Return a chi-square test as text: value, degrees of freedom and p-value."""
     return f"chi-square {test.chi_square:.4g} of {test.freedom} (p = {test.p_value:.2g})"
 
 

@@ -12,7 +12,7 @@ _KINDS = ("motor", "aero", "air", "wind", "initial", "mass")
 
 @click.command(name="import", short_help="Convert a file of the field to TOML for a campaign.")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--as", "kind", type=click.Choice(_KINDS), required=True, help="What it contains.")
+@click.option("--as", "kind", type=click.Choice(_KINDS), required=True, help="Content of FILE.")
 @click.option(
     "--set",
     "settings",

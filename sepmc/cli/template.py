@@ -29,7 +29,7 @@ def template(file: Path, overwrite: bool) -> None:
 
 @click.command(name="list")
 def list_campaigns() -> None:
-    """List the campaigns that come with sepmc, by the names that FILE can be, with their titles.
+    """List the campaigns that come with sepmc. Each name can be given as FILE to a command.
 
     \b
     Example:
