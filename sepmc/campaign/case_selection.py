@@ -109,7 +109,7 @@ class CaseSelection:
         return CaseSelection(tuple(pair for pair in pairs if pair[0] < pair[1]))
 
     def omits(self, done: np.ndarray) -> bool:
-        """Return True if some of the sorted case numbers ``done`` (n,) are not selected."""
+        """Return True if one of the sorted case numbers ``done`` (n,) is not in the selection."""
         n_inside = sum(
             np.searchsorted(done, end) - np.searchsorted(done, first) for first, end in self.ranges
         )

@@ -439,15 +439,14 @@ class Definition:
 
     @property
     def design(self) -> str:
-        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: the name of the
-        sampler, or `PLAN` if a sample table gives inputs that are otherwise random or a Latin
-        hypercube."""
+        """Name of the sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`:
+        `PLAN` if a sample table gives inputs and the sampler is random or lhs; else the sampler."""
         sampler = self.scene.run.sampler
         return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
 
     @property
     def correlated(self) -> list[list[str]]:
-        """Names of the columns of correlated inputs, a list for each group."""
+        """Names of the columns of correlated inputs, a list for each correlated group."""
         dispersions = self.file.dispersions
         return [[dispersions[k].parameter.column for k in c.places] for c in self.file.copulas]
 
@@ -524,16 +523,18 @@ class Definition:
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:
-        """Count cases in which the inertia of a body breaks the triangle inequality.
+        """Count cases in which the inertia tensor of a body is positive but breaks the triangle
+        inequality, so that no solid body can have it. Only bodies with dispersed inertia count.
 
         Parameters
         ----------
         inputs : ndarray, shape (n, d)
-            Dispersed inputs in the units of the campaign file.
+            Dispersed inputs of n cases, in the units of the campaign file.
 
         Returns
         -------
         int
+            Number of such cases.
         """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_broken = np.zeros(len(inputs), dtype=bool)

@@ -84,14 +84,15 @@ def limit_ends(dispersion: Dispersion) -> tuple[float, float]:
 def limit_cases(
     campaign: "Campaign", threads: int | None = None, announce: Log | None = None
 ) -> LimitCases:
-    """Simulate the limit cases of a campaign.
+    """Simulate the limit cases of a campaign, and judge them by its requirements.
 
     Parameters
     ----------
     campaign : Campaign
     threads : int, optional
+        Number of threads; all cores if None.
     announce : callable (text), optional
-        Called with messages.
+        Called with messages, such as on the compilation of a kernel.
 
     Returns
     -------
@@ -100,7 +101,8 @@ def limit_cases(
     Raises
     ------
     InputError
-        If the campaign has no requirement or no input that varies.
+        If the campaign has no requirement (other than on a violation of any other one), or no
+        input that varies.
     """
     items = tuple(item for item in campaign.file.requirements if item.metric != VIOLATION)
     if not items:

@@ -98,7 +98,7 @@ class Result:
         )
 
     def _repr_html_(self) -> str:
-        """Status counts, verdicts, statistics and histograms, for notebooks."""
+        """HTML for notebooks: status counts, verdicts, statistics and histograms."""
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
         statistics = self.statistics()
         table = constant_outcomes.with_constant_values(statistics)[columns]

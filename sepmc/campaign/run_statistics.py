@@ -102,7 +102,7 @@ def evaluate(
 
 
 def read_summary(folder: Path, campaign: Definition) -> TableStatistics | StreamingStatistics:
-    """Summarise the case rows of a run folder.
+    """Summarise the case rows of a run folder, as `evaluate` needs it.
 
     Raises
     ------

@@ -86,8 +86,8 @@ class DesignResult:
 
     @cached_property
     def table(self) -> dict[str, np.ndarray]:
-        """Case table by column: case, status, inputs (the varied parameters too), outcomes and
-        audit columns."""
+        """Case table, arrays (n,) by column name: case, status, inputs (the varied parameters too),
+        outcomes and audit columns."""
         chunk = Chunk(0, self.inputs / self.box.factors, self.block, batch_summary.BatchSummary())
         return case_table(self.box, [chunk]) | {"status": status_labels(self.block.status)}
 
@@ -162,7 +162,7 @@ class DesignResult:
         return with_errors(self.box, self.accuracy.errors, table)
 
     def requirements(self) -> pd.DataFrame:
-        """Verdicts on the requirements; see `Result.requirements`.
+        """Verdicts on the requirements with all their fields; see `Result.requirements`.
 
         Returns
         -------

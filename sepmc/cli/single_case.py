@@ -43,9 +43,10 @@ class SingleRun:
     plots : bool
         Draw figures.
     run : Path or None
-        Run folder whose row of the case is checked; figures then show the nominal case behind.
+        Run folder whose row of the case is checked against the simulation; figures then show the
+        nominal case behind. None: no check.
     animate : str or None
-        "gif" or "mp4" to write an animation, too.
+        Format of an animation to write, "gif" or "mp4"; None: no animation.
     """
 
     number: int | None
