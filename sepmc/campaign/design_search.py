@@ -151,8 +151,8 @@ class DesignSearch:
         if accepted.empty:
             nearest_one = design_text(self._design(searched, searched["margin"].idxmax()))
             raise InputError(
-                "no design of the ranges passes all requirements with the margin that a fresh run "
-                f"needs; the nearest is {nearest_one}"
+                "no design of the ranges passes all requirements with the margin that a run with "
+                f"another seed needs; the nearest is {nearest_one}"
             )
         best = int(goal.of(accepted[self.names].to_numpy(float)).argmin())
         return self._design(accepted, accepted.index[best]), searched

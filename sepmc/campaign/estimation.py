@@ -224,7 +224,7 @@ class Model:
         file = campaign.file
         if not file.measurements:
             raise InputError(
-                f"{campaign.name}: has no measurement: give [[measurement]] column, file, sigma"
+                f"{campaign.name}: has no measurement: give [[measurement]] column, file and sigma"
             )
         if not file.dispersions:
             raise InputError(
@@ -233,8 +233,8 @@ class Model:
             )
         if file.input_table is not None:
             raise InputError(
-                f"run.samples = {file.input_table.path.name}: a table has no density to estimate "
-                "with; give [dispersion] distributions, and no run.samples"
+                f"run.samples = {file.input_table.path.name}: a sample table has no density to "
+                "estimate with; remove run.samples, and give [dispersion] distributions"
             )
         self.campaign, self.notes = campaign, list[str]()
         self.channels, self.understood = read_measurements(campaign)
@@ -403,9 +403,9 @@ def _sigma_notes(
     """Return a note for each channel whose residuals are much smaller than its stated sigma."""
     return [
         f"{channel.column}: residuals are {test.ratio:.2g} of sigma = {one.sigma:g}, which is far "
-        f"too large: give {test.ratio * one.sigma:.2g} {channel.unit} or less, and parameters are "
-        "better known; of a filtered channel, whose errors are no independent ones, give fewer "
-        "samples instead"
+        f"too large: give a sigma of {test.ratio * one.sigma:.2g} {channel.unit} or less, and "
+        "parameters are better known; of a filtered channel, whose errors are not independent, "
+        "give fewer samples instead"
         for one, channel, test in zip(
             campaign.file.measurements, channels, check.channels, strict=True
         )
@@ -420,8 +420,8 @@ def _mixing_notes(table: pd.DataFrame, cases: int) -> list[str]:
     if effective.min() >= _MIXED * cases:
         return []
     return [
-        f"the sampler mixes badly: {cases} cases are worth {effective.min():.0f} independent ones "
-        f"of {effective.idxmin()}; compare the estimates of two seeds, give more cases, or "
+        f"the sampler mixes badly: {cases} cases are worth only {effective.min():.0f} independent "
+        f"ones for {effective.idxmin()}; compare the estimates of two seeds, give more cases, or "
         "disperse fewer parameters that the flight cannot tell from each other"
     ]
 

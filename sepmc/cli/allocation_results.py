@@ -84,7 +84,7 @@ def _without_proposal(allocation: Allocation) -> str:
         )
     unchanged = f"with no spread doubled, a run of seed {allocation.verdict_seed}"
     if allocation.shown:
-        return f"no proposal: {unchanged} shows all requirements, with spreads doubled none did"
+        return f"no proposal: {unchanged} shows all requirements, no run with doubled spreads did"
     return (
         f"no proposal: even {unchanged} does not show all requirements at the confidence raised "
         f"for {MAX_TRIES} tries: the margin is too small for --cases {allocation.cases}"

@@ -16,7 +16,7 @@ from sepmc.cli.render import logger
 @click.option(
     "--cases",
     type=click.IntRange(min=1, max=10**7),
-    help="Timed cases. Default: 10000, with --quick 1000.",
+    help="Number of timed cases. Default: 10000, with --quick 1000.",
 )
 @click.option(
     "--repeats",

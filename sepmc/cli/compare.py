@@ -39,7 +39,7 @@ _SHOWN = 12  # outcomes on the screen and in the figure
     'unit: "upper_omega_y_deg_s=-0.5*gyro_z[rad/s]". Default: channels that have the name of a '
     "column.",
 )
-@click.option("--time", metavar="CHANNEL", help="Channel of the time. Default: time, t and such.")
+@click.option("--time", metavar="CHANNEL", help="Channel of time. Default: time, t or similar.")
 @click.option(
     "--shift",
     "shift_s",
@@ -142,14 +142,16 @@ def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatis
     lines = tree_differences(trees[0], trees[1])
     cases = [str(r.manifest.get("numbers") or f"0:{r.manifest['cases']}") for r in runs]
     lines += [f"cases: {' -> '.join(cases)}"] if cases[0] != cases[1] else []
-    click.echo("\n".join(["what differs in the files", *(f"  {x}" for x in lines or ["nothing"])]))
+    click.echo(
+        "\n".join(["differences of the campaign files", *(f"  {x}" for x in lines or ["none"])])
+    )
     counts = [run.summary.counts for run in runs]
     for label in dict.fromkeys([*counts[0], *counts[1]]):
         click.echo(f"{label}: {counts[0].get(label, 0)} -> {counts[1].get(label, 0)} cases")
     verdicts = [{verdict.name: verdict for verdict in run.verdicts} for run in runs]
     for name in dict.fromkeys([*verdicts[0], *verdicts[1]]):
         texts = [
-            f"{each[name].verdict}, {each[name].violations} of {each[name].cases}"
+            f"{each[name].verdict}, {each[name].violations} of {each[name].cases} cases violate it"
             if name in each
             else "not required"
             for each in verdicts

@@ -8,7 +8,7 @@ from sepmc.cli.options import FILE, QUIET, SETTINGS, load_campaign
 from sepmc.cli.render import logger
 
 
-@click.command(name="compile", short_help="Compile the kernel of FILE ahead.")
+@click.command(name="compile", short_help="Compile the kernel of FILE before its first run.")
 @FILE
 @SETTINGS
 @click.option(

@@ -45,7 +45,7 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
     for finding in findings:
         click.echo(finding.text)
     if not findings:
-        log(f"{folder}: is as it was written")
+        log(f"{folder}: every file is as it was written")
         return
     if repair:
         sys.exit(_repair(folder, findings, log))

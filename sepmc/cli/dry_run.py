@@ -53,10 +53,13 @@ def show_forecast(
     )
     missing, units = units_to_compile(kernel_text(campaign, history=bool(separation)))
     if missing:
-        click.echo(f"  kernel    {missing} of {units} units to compile, half a core second each")
+        click.echo(
+            f"  kernel    {missing} of {units} compile units left to compile, half a core second "
+            "each"
+        )
         click.echo(f"  time      known once it is compiled: {shlex.join(compile_command)}")
         return
-    click.echo(f"  kernel    compiled: {units} units in the cache")
+    click.echo(f"  kernel    compiled: {units} compile units in the cache")
     start = time.perf_counter()
     integration = select_steps(campaign, history=bool(separation), announce=None)
     calibration_s = time.perf_counter() - start

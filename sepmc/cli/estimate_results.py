@@ -127,7 +127,7 @@ def render_estimation(estimation: Estimation, folder: Path) -> str:
         )
     lines += _check(estimation)
     path = folder / folders.SAMPLES
-    lines.append(f"posterior: {len(estimation.inputs)} cases, to run by --samples {path}")
+    lines.append(f"posterior: {len(estimation.inputs)} cases, to run with --samples {path}")
     return "\n".join(lines)
 
 
@@ -169,7 +169,10 @@ def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[
 
 def _test_text(test: ChiSquareTest) -> str:
     """Return a chi-square test as text: value, degrees of freedom and p-value."""
-    return f"chi-square {test.chi_square:.4g} of {test.freedom} (p = {test.p_value:.2g})"
+    return (
+        f"chi-square {test.chi_square:.4g} with {test.freedom} degrees of freedom "
+        f"(p = {test.p_value:.2g})"
+    )
 
 
 def _check(estimation: Estimation) -> list[str]:

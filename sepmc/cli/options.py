@@ -192,6 +192,6 @@ def undispersed(campaign: "Campaign") -> list[str]:
 
 
 def check_required(campaign: "Campaign", must_pass: bool) -> None:
-    """Raise UsageError if ``must_pass`` (option ``--check``) and the campaign has no requirement."""
+    """Raise UsageError if ``must_pass`` (``--check``) and the campaign has no requirement."""
     if must_pass and not campaign.file.requirements:
         raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")

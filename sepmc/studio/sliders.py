@@ -112,7 +112,11 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     by_path = {d.parameter.path: d for d in campaign.file.dispersions}
     dispersion = by_path.get(parameter.path)
     if dispersion and (dispersion.column or dispersion.distribution == "discrete"):
-        reason = "its cases have separate values" if dispersion.weights else "its cases are given"
+        reason = (
+            "its distribution has separate values"
+            if dispersion.weights
+            else "a sample table gives its values"
+        )
         raise InputError(f"{key}: cannot have a slider: {reason}; change the file")
     low, high = ends or _ends(parameter, nominal, dispersion)
     has_spread = dispersion and _has_spread(dispersion) and len(variable.parameters) == 1
