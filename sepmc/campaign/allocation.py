@@ -45,7 +45,7 @@ class Allocation:
     probability : float
         Probability of a violation of any requirement, in the run of the unchanged campaign.
     passes : bool
-        True if that run shows all requirements.
+        True if that run shows all requirements: every verdict is pass.
     factors : dict of str to float
         Proposal: factor of the spread, by key of the input. Empty if nothing is to be scaled.
     settings : dict

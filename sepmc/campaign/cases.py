@@ -172,6 +172,7 @@ def probabilities(
     seed, first, count : int
         Seed, number of the first case, and number of cases.
     sampling : Sampling
+        Sampler and correlations; plain random and independent by default.
 
     Returns
     -------
@@ -278,6 +279,7 @@ def sample(
     seed, first, count : int
         Seed, number of the first case, and number of cases.
     sampling : Sampling
+        Sampler and correlations; plain random and independent by default.
 
     Returns
     -------

@@ -240,9 +240,9 @@ def _extent(low: Dispersion, high: Dispersion) -> list[float]:
 
 
 def _check_signs(box: DesignBox) -> None:
-    """Raise InputError if somewhere in the box a joint opens to the other side than in the nominal
-    scene, or if the box has too many corners to try. Corners suffice: the distance along the axis
-    of a joint is linear in each variable, so its extremes are at corners."""
+    """Raise InputError if somewhere in the box a joint opens to the other side along its axis than
+    in the nominal scene (`separation_sign` differs), or if the box has too many corners to try.
+    Corners suffice: the distance along the axis is linear in each variable."""
     variables = [
         v
         for v in box.variables

@@ -74,11 +74,12 @@ class Goal:
 def accepted_violations(
     item: Requirement, cases: int, fraction: float = 1.0, tries: int = MAX_TRIES
 ) -> int:
-    """Return the largest number of violations with which the search accepts a design.
+    """Return the largest number of violations of a requirement with which the search accepts a
+    design.
 
-    If the true probability of a violation is that number over ``cases``, the verdict run, which has
-    `VERDICT_CASES` times as many cases, shows the requirement with a probability of at least
-    `_LIKELY`.
+    If the true probability of a violation is that number over ``cases``, the verdict run (with
+    another seed, and `VERDICT_CASES` times as many cases) shows the requirement with a probability
+    of at least `_LIKELY`.
 
     Parameters
     ----------
@@ -107,9 +108,11 @@ def accepted_violations(
 class DesignSearch:
     """Searches the ranges of the variables for the accepted design with the smallest cost.
 
-    Designs that were run for one goal are reused for the next. ``costs`` are formulas of the
-    variables, ``items`` the requirements, ``cases`` and ``seed`` those of every design, and
-    ``tries`` the number of verdict runs, for which confidences are raised.
+    A design is accepted if no requirement has more violations than `accepted_violations`, times a
+    ``fraction`` that the methods take. Designs that were run for one goal are reused for the next.
+    ``costs`` are formulas of the variables, ``items`` the requirements, ``cases`` and ``seed``
+    those of every design, and ``tries`` the number of verdict runs, for which confidences are
+    raised.
     """
 
     def __init__(
@@ -133,8 +136,8 @@ class DesignSearch:
     def optimum(self, goal: Goal, fraction: float) -> tuple[dict[str, float], pd.DataFrame]:
         """Search for the accepted design with the smallest value of a goal.
 
-        Returns the design, values by TOML path, and the table of all designs run with this
-        ``fraction``, the factor on the number of accepted violations. Raises InputError if no
+        Returns the design, values by TOML path, and the table of all designs that were run with
+        this ``fraction``, a factor on the number of accepted violations. Raises InputError if no
         design is accepted.
         """
         run = self._runner(fraction)
@@ -158,8 +161,9 @@ class DesignSearch:
         return self._design(accepted, accepted.index[best]), searched
 
     def spread_of_costs(self, fraction: float) -> np.ndarray:
-        """Return the spread (n,), largest minus smallest, of each cost over the designs run with
-        ``fraction``; 1 for a constant cost. Without any, the first designs are run now."""
+        """Return the spread (n,) of each of the n costs, largest minus smallest, over the designs
+        run so far with this ``fraction`` of the accepted violations; 1 for a constant cost. Without
+        any, the first designs are run."""
         if not self._searched.get(fraction):
             run = self._runner(fraction)
             (self._first_of_one if len(self.variables) == 1 else self._first_of_several)(run)
@@ -168,13 +172,13 @@ class DesignSearch:
 
     @property
     def searched(self) -> pd.DataFrame:
-        """Table of all designs run so far."""
+        """Table of all designs run so far: values by TOML path, costs, and ``margin``."""
         frames = [frame for each in self._searched.values() for frame in each]
         return pd.concat(frames, ignore_index=True)
 
     def costs(self, designs: np.ndarray) -> np.ndarray:
-        """Return costs (m, n) of designs (m, variables), in the units of their keys. Raises
-        InputError at a design for which a cost is not finite."""
+        """Return the n costs (m, n) of m designs (m, variables), which are in the units of the
+        keys. Raises InputError if a cost is not finite."""
         named = {one.name: x for one, x in zip(self.variables, designs.T, strict=True)}
         costs = np.empty((len(designs), len(self.cost_trees)))
         for k, tree in enumerate(self.cost_trees):
@@ -189,8 +193,8 @@ class DesignSearch:
         return costs
 
     def _runner(self, fraction: float) -> Run:
-        """Return a function that runs designs (m, variables), stores their table as searched with
-        ``fraction``, and returns it."""
+        """Return a function that runs designs (m, variables), stores their table among those of
+        this ``fraction`` of the accepted violations, and returns the table."""
         frames = self._searched.setdefault(fraction, [])
         allowed = [
             accepted_violations(item, self.cases, fraction, self.tries) for item in self.items
@@ -203,7 +207,7 @@ class DesignSearch:
         return run
 
     def _table(self, fraction: float) -> pd.DataFrame:
-        """Return the table of all designs run with ``fraction`` of the accepted violations."""
+        """Return the table of all designs run with this ``fraction`` of the accepted violations."""
         return pd.concat(self._searched[fraction], ignore_index=True)
 
     def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:
@@ -213,8 +217,9 @@ class DesignSearch:
         return {one.key: float(values[one.key]) for one in self.variables}
 
     def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
-        """Run designs (m, variables), and return their table; ``allowed`` is the number of accepted
-        violations of each requirement."""
+        """Run designs (m, variables), and return their table: values by TOML path, costs, and the
+        smallest ``margin`` over the requirements. ``allowed`` is the number of accepted violations
+        of each requirement."""
         columns = list(dict.fromkeys(self.metrics))
         table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
         frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
@@ -231,10 +236,10 @@ class DesignSearch:
         """Return the margin (m,) of each design to a requirement: negative if more than ``most``
         cases violate it.
 
-        It is the scaled margin of the best case but for the ``most`` worst ones: case ``most`` in
-        rising order, from 0. For a requirement on a violation of any other one, the margin of a
-        case is its smallest. Where cases have no numeric margin (status, yes or no), it is
-        ``most`` minus the number of violations, over a hundredth of the cases.
+        It is the scaled margin of the worst case that remains without the ``most`` worst cases. For
+        a requirement on a violation of any other one, the margin of a case is the smallest over the
+        others. Where cases have no numeric margin (a status, or yes or no), it is ``most`` minus
+        the number of violations, divided by a hundredth of the cases.
         """
         if item.metric == VIOLATION:
             judged = [one for one in self.items if one.metric != VIOLATION]

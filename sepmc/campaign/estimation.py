@@ -214,6 +214,7 @@ class Model:
     ----------
     campaign : Campaign
     threads : int, optional
+        Number of threads; all cores if None.
     announce : callable (text), optional
         Called with messages, such as on the compilation of a kernel.
     """

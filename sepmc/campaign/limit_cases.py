@@ -123,7 +123,11 @@ def limit_cases(
 
 
 class _LimitSearch:
-    """Simulates and judges cases given by levels (see the module), each combination once."""
+    """Simulates and judges cases, each combination of levels once.
+
+    A case is given by a level for each of the d dispersed inputs: -1 its low end, 0 nominal, 1 its
+    high end, 2 to 8 values between the ends of a wide angle.
+    """
 
     def __init__(
         self,
@@ -158,26 +162,27 @@ class _LimitSearch:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Levels (d,) of the nominal case: zeros."""
+        """Levels (d,) of the nominal case: 0 for every input."""
         return np.zeros(len(self.values), dtype=int)
 
     @cached_property
     def single(self) -> np.ndarray:
-        """Levels (n, d) of the cases in which one input is at one of its `ends`, and all others are
-        nominal."""
+        """Levels (n, d) of the n cases in which one input is at one of its `ends`, and all others
+        are at 0, nominal."""
         rows = [self._changed(self.nominal, k, to) for k in self.varied for to in self.ends(k)]
         return np.array(rows)
 
     def ends(self, k: int) -> tuple[int, ...]:
-        """Return the levels of input ``k`` other than nominal: (-1, 1), and those between for a
-        wide angle."""
+        """Return the levels of input ``k`` other than 0, nominal: -1 and 1, its low and high end;
+        for a wide angle also 2 to 8, values between the ends."""
         parameter = self.campaign.file.dispersions[k].parameter
         width = (self.values[k, 2] - self.values[k, 0]) * parameter.factor
         is_wide = parameter.unit in UNITS["angle"] and width > _WIDE_ANGLE
         return (-1, 1, *range(2, 2 + _BETWEEN)) if is_wide else (-1, 1)
 
     def text(self, level: int, k: int) -> str:
-        """Return text for input ``k`` at a level: its key and low, high or ``= VALUE``."""
+        """Return text for input ``k`` at a level: its key, then "low" (-1), "high" (1), or
+        ``= VALUE``."""
         key = self.campaign.file.dispersions[k].parameter.key
         words = {-1: "low", 1: "high"}
         return f"{key} {words.get(level) or f'= {self.values[k, level + 1]:.6g}'}"
@@ -190,7 +195,8 @@ class _LimitSearch:
         return changed
 
     def inputs(self, levels: np.ndarray) -> np.ndarray:
-        """Return the inputs (n, d), in the units of their keys, of cases with levels (n, d)."""
+        """Return the values of the inputs (n, d), in the units of their keys, of n cases given by
+        levels (n, d): -1 low end, 0 nominal, 1 high end, 2 to 8 between the ends."""
         return self.values[np.arange(len(self.values)), levels + 1]
 
     def run(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -228,8 +234,8 @@ class _LimitSearch:
         return values, margin, np.where(np.isnan(margin), -math.inf, margin)
 
     def worst(self, item: Requirement) -> np.ndarray:
-        """Search the combination with the lowest score for a requirement; return its levels
-        (d,)."""
+        """Search for the combination of levels that is worst for a requirement, the one with the
+        lowest score of `judge`; return its levels (d,)."""
 
         def score(levels: np.ndarray) -> np.ndarray:
             return self.judge(item, *self.run(levels))[2]
@@ -249,8 +255,8 @@ class _LimitSearch:
         return np.asarray(combinations[score(combinations).argmin()])
 
     def _descend(self, levels: np.ndarray, score: Score) -> np.ndarray:
-        """From levels (d,), change one input at a time, always the one that lowers the score most,
-        until none does; return the levels (d,) reached."""
+        """From a case with levels (d,), change the level of one input at a time, always the change
+        that lowers the score most, until none does; return the levels (d,) reached."""
         lowest = score(levels[None])[0]
         for _ in range(_ROUNDS):
             near = [

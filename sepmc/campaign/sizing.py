@@ -103,8 +103,9 @@ def size(
     seed : int, optional
         Of the search; verdict runs use the following seeds. Default: that of the file.
     threads : int, optional
+        Number of threads; all cores if None.
     announce : callable (text), optional
-        Called with messages.
+        Called with messages on the progress.
     subject_to : sequence of str
         Names of the requirements to pass; all if empty.
 
@@ -177,11 +178,12 @@ def shown_design(
     threads: int | None,
     announce: Log | None,
 ) -> Sizing:
-    """Search the design with the smallest value of ``goal``, and run it with a fresh seed for the
-    verdict; repeat with a larger margin until a design is shown, at most `MAX_TRIES` times.
+    """Search for the design with the smallest value of ``goal``, and run it with a new seed for the
+    verdict. Repeat with a larger margin until a design passes every requirement, at most
+    `MAX_TRIES` times.
 
-    Returns the last design, shown or not. ``tries`` is the number of verdict runs for which
-    confidences are raised. Raises InputError if the search accepts no design.
+    Returns the last design, whether it passes or not. ``tries`` is the number of verdict runs for
+    which confidences are raised. Raises InputError if the search accepts no design.
     """
     count, fraction = VERDICT_CASES * search.cases, 1.0
     for number in range(1, MAX_TRIES + 1):
