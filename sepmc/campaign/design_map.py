@@ -29,8 +29,8 @@ class DesignMap:
         violation, ``NAME_low`` and ``NAME_high`` (Clopper and Pearson). Cases without the outcome
         count as violations in ``NAME_high`` only.
     looks : tuple of int
-        Numbers of cases of a design, rising: the first of every design, each further one of the
-        designs that had no verdict pass or fail with fewer cases. All that were planned.
+        Planned numbers of cases of a design, rising: every design is run with the first number,
+        and with each further one while the verdict on a requirement is neither pass nor fail.
     seed : int
     timing : dict of str to float
         Elapsed seconds by stage, as `DesignTable.timing`, over all looks.

@@ -101,11 +101,11 @@ def draw_figures(
     converging : bool
         Draw how means converge.
     page : Path, optional
-        Folder for the figures of a report, in its style, instead of the run folder.
+        Folder for the figures of a report, as SVG, instead of the run folder.
     suffix : str
-        Ending of the files.
+        Ending of the files, which gives their format; not used with ``page``.
     second : Executor, optional
-        Process that draws the histograms meanwhile.
+        Process that draws the histograms while this one draws the rest.
 
     Returns
     -------
@@ -268,7 +268,8 @@ def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
 
     Required outcomes come first. If the campaign has reference values, those with a reference
     follow; otherwise those that vary by more than their numerical error: formulas of the file, then
-    the others by kind. Outcomes that are yes or no are left out.
+    the others by kind, without outcomes whose statistics equal those of an earlier one. Outcomes
+    that are yes or no are left out.
     """
     from sepmc.analysis.constant_outcomes import is_constant
 

@@ -22,7 +22,8 @@ ACCURACY_FAULT = "the requested accuracy was not met; see the warning above"
 
 
 def check_rows(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a run folder. Raises StoreError if the folder has no case rows."""
+    """Return the manifest of a run folder. Raises StoreError unless it contains the rows of all
+    cases: it may contain statistics only, a single case, or a rare-event estimate."""
     from sepmc.campaign.store import folders, manifests
 
     manifest = manifests.read_manifest(folder)

@@ -157,8 +157,8 @@ def _write(
 
 def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool:
     """Integrate case ``number`` again in the way its run folder ``run`` did, and print whether its
-    row has the same bits. Returns False if a column differs; True if none does, or if the kernel
-    cannot be compiled here to compare."""
+    row has the same bits. Returns False if a column differs; True if none does, or if the row was
+    not compared because the kernel of the run is not in the cache of compiled kernels."""
     from sepmc.campaign.execution import replay
     from sepmc.campaign.store import manifests
 
