@@ -28,7 +28,7 @@ _TAIL_PROBABILITY = 1e-6  # probability of the tails beyond the range of a distr
 _NUMBERS_PER_COUNTER = 4  # of Philox 4x64
 _SOBOL_BITS = 32  # of a Sobol number
 _BELOW_ONE = 1.0 - 2.0**-53  # largest float below 1
-_MIN_PROBABILITY = 1e-300  # of a probability
+_MIN_PROBABILITY = 1e-300  # smallest probability at which a quantile is evaluated
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ VERDICT_CASES = 4  # times the cases of the search
 TOLERANCE = 1e-4  # of the range of a variable
 _LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
 _GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the border, at most
-# closer looks, at peaks of the margin, designs between neighbours
+# one variable: closer looks at the grid, peaks of the margin in each, and designs around a peak
 _ZOOMS, _PEAKS, _CLOSER = 3, 3, 9
 _FINE = 2001  # costs between two neighbours of a point of the grid
 _STEPS = 40  # several variables: designs for each, at most, after the first ones

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
 
 CASES = 1000  # of a posterior sample
-INTERVAL = 0.9  # credible
+INTERVAL = 0.9  # probability of credible intervals
 CORRELATED = 0.7  # posterior correlation that is reported
 UNINFORMED = 0.9  # ratio of standard deviations above which the flight says little
 _MIXED = 0.25  # effective cases, of all, below which standard errors more than double

@@ -147,7 +147,7 @@ class _LimitSearch:
         )
         outside = (nominal < ends[:, 0]) | (nominal > ends[:, 1])
         middle = np.where(outside, ends.mean(axis=1), nominal)
-        # by level + 1; not all levels are used
+        # values of each input: level k is in column k + 1
         between = np.linspace(ends[:, 0], ends[:, 1], _BETWEEN + 2, axis=1)[:, 1:-1]
         self.values = np.column_stack([ends[:, 0], middle, ends[:, 1], between])
         self.varied = [k for k, (low, high) in enumerate(ends) if low < high]
