@@ -74,8 +74,8 @@ class Estimation:
     log_evidence : float
         Natural logarithm of the density of the measurements under the campaign.
     impossible : float
-        Fraction of the cases of the prior that have no value at some sample of a channel; mean over
-        the channels.
+        Fraction of the cases of the prior that have no value at some sample of a channel, averaged
+        over the channels.
     understood : list of str
         Sentences on how each channel was interpreted.
     notes : list of str

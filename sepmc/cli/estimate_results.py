@@ -22,7 +22,7 @@ _MOST_PAIRS = 8  # correlations shown
 
 def count_sweeps(log: Log) -> Callable[[float, int], None]:
     """Return a function (temperature, sweeps), to call after each move of the sampler, that logs
-    its progress every five seconds."""
+    the progress at most every five seconds."""
     last = time.monotonic()
 
     def report(temperature: float, sweeps: int) -> None:

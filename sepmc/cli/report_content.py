@@ -224,10 +224,11 @@ def _points(
 
 
 def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:
-    """Choose two to four worst cases of requirements to show over time, of those that fail first.
+    """Choose the worst cases of requirements to show over time: at most two, up to four if more
+    requirements fail; those of failing requirements come first.
 
-    Returns, by case number, its title in the report, and the end of a log message that says why it
-    was chosen.
+    Returns, by case number, its title in the report, and the end of a log message with the reason
+    of the choice.
     """
     verdicts = [v for v in run.verdicts if v.worst_case is not None and v.metric != VIOLATION]
     # requirements that fail come first, then violated ones; of each, cases that have the outcome

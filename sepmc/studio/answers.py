@@ -196,9 +196,9 @@ class Studio:
         return self._second.submit(verdicts_over, campaign, axes, cases, question.seed).result()
 
     def settings(self, question: Question) -> dict[str, Any]:
-        """Return the changed settings as text: ``command``, ``python`` and ``toml``, the campaign
-        file. The runs of the first two have the next seed: cases that did not choose the
-        settings."""
+        """Return the changed settings as text: ``command`` and ``python``, which run them, and
+        ``toml``, the campaign file. The first two have the next seed, as these settings were chosen
+        with the cases of the present one."""
         campaign, settings, _ = self._changed(question)
         cases, seed = question.cases, question.seed + 1
         return {
