@@ -118,8 +118,8 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
 
 
 def _input_warnings(campaign: "Campaign") -> list[str]:
-    """Return warnings about a campaign that need no simulation: its file, and the samples of its
-    first million cases."""
+    """Return warnings about a campaign that need no simulation: on its file, on its sampling, and
+    on inertias that no solid body has among its first million cases."""
     from sepmc.campaign.execution.diagnostics import file_notes, sampling_notes
     from sepmc.campaign.execution.runner import implausible_note
 

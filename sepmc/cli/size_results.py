@@ -113,8 +113,9 @@ def other_settings(
     settings: Sequence[str], design: Mapping[str, float], tree: dict[str, Any]
 ) -> list[str]:
     """Return the ``settings`` (texts PATH=VALUE) without those of parameters that a ``design``
-    (values by TOML path) replaces, also if in another unit. A path with wildcards is replaced by
-    the paths that remain; ``tree`` is the TOML tree of the campaign."""
+    (values by TOML path) replaces, also if in another unit. If a path with wildcards names some of
+    them, the settings of its other parameters remain, one by one; ``tree`` is the TOML tree of the
+    campaign."""
     replaced = {_path(key) for key in expand(dict(design), tree, Problems())}
     kept = []
     for setting in settings:
