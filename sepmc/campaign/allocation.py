@@ -1,10 +1,11 @@
 """Tolerance allocation: what the spread of each input contributes to the probability of a
 violation, and which spreads may be doubled or must be halved.
 
-The spread of one input at a time is scaled about its centre and all cases are simulated again, on
+The spread of one input at a time is scaled about its centre, and all cases are simulated again on
 common random numbers. (Weights on the cases of one run would reach no wider spread, and a run takes
-milliseconds.) A proposal scales several spreads at once; its verdict is that of a run with another
-seed, at a confidence that is raised for the number of tries (Bonferroni).
+milliseconds.) A proposal scales several spreads at once. Its verdict is that of a run with another
+seed, at a confidence that is raised for the number of such runs (Bonferroni). A run shows a
+requirement if its verdict is pass.
 """
 
 import math
@@ -37,27 +38,27 @@ class Allocation:
     ----------
     table : DataFrame
         A row for each scaled input, the largest gain of halving first: ``input`` (key), ``low``
-        and ``high`` of its range (3 sigma without truncation), and for both factors (``half``,
-        ``double``) the change of the probability of a violation, its 95 % interval (``_low``,
-        ``_high``; paired) and ``_passes``, True if that run shows all requirements. NaN and None
-        with a ``note`` where a spread cannot be scaled.
+        and ``high`` of its range (mean +- 3 sigma without truncation). For halving, ``half`` is the
+        change of the probability of a violation, ``half_low`` and ``half_high`` its 95 % interval
+        (paired), and ``half_passes`` is True if that run shows all requirements; ``double``, ...
+        for doubling. ``note`` is the reason why a spread cannot be scaled; the change is NaN then.
     probability : float
-        Of a violation of any requirement, in the campaign's own run.
+        Probability of a violation of any requirement, in the run of the unchanged campaign.
     passes : bool
-        True if that run shows all requirements.
+        True if that run shows all requirements: every verdict is pass.
     factors : dict of str to float
-        Proposal: factor of the spread by key. Empty if there is none.
+        Proposal: factor of the spread, by key of the input. Empty if nothing is to be scaled.
     settings : dict
-        The same as settings of the file.
+        The proposal as settings for `Campaign.with_settings`: distributions by TOML path.
     shown : bool
-        True if a run with another seed shows all requirements with the proposal; without one, the
-        unchanged campaign.
+        True if a run of the proposal with another seed shows all requirements. If ``factors`` is
+        empty, it is a run of the unchanged campaign.
     verdicts : DataFrame or None
-        Verdicts of that run, at the raised confidence; None if nothing was tried.
+        Verdicts of that run, at the raised confidence; None if no proposal was run.
     cases, seed : int
-        Of every run of the table; the proposal has the same number of cases.
+        Number of cases and seed of every run of the table; proposals have as many cases.
     verdict_seed : int
-        Seed of the last run of a proposal.
+        Seed of the run that gave ``verdicts``; ``seed`` if there was none.
     """
 
     table: pd.DataFrame
@@ -73,8 +74,9 @@ class Allocation:
 
 
 def scaled_distribution(dispersion: Dispersion, factor: float) -> dict[str, Any]:
-    """Distribution with another spread about the same centre (the mode of a triangular one), as in
-    a file; the truncation of a normal distribution scales with sigma."""
+    """Return a distribution whose spread is scaled by ``factor`` about its centre (the mode of a
+    triangular one), as a TOML table for ``[dispersion]``, such as ``{"uniform": [low, high]}``. The
+    truncation of a normal distribution scales with sigma."""
     numbers = dispersion.numbers
     if dispersion.distribution == "normal":
         mean, sigma, cut = numbers
@@ -92,21 +94,23 @@ def allocate(
     announce: Log | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Allocation:
-    """Halve and double the spread of every dispersed input, and propose spreads.
+    """Halve and double the spread of one dispersed input after the other, and propose spreads.
 
-    If the campaign's own run shows all requirements, the proposal doubles as many spreads as a
-    fresh run still allows; else it halves as few as a fresh run needs.
+    If the run of the unchanged campaign shows all requirements, the proposal doubles as many
+    spreads as possible while a run with another seed still shows them. Otherwise it halves as few
+    spreads as such a run needs to show them.
 
     Parameters
     ----------
     campaign : Campaign
     cases, seed : int, optional
-        Of every run; those of the file if None.
+        Of every run of the table; those of the file if None.
     threads : int, optional
+        As for `Campaign.run`.
     announce : callable (text), optional
-        Called with the messages of the campaign's own run.
+        Called with the messages of the run of the unchanged campaign.
     progress : callable (done, total), optional
-        Called with numbers of runs.
+        Called with the number of finished runs, and of all runs of the table.
 
     Returns
     -------
@@ -128,7 +132,8 @@ def allocate(
     ]
     if not spreads:
         raise InputError(
-            f"{campaign.name}: no input has a spread to scale: {', '.join(SCALED)} in [dispersion]"
+            f"{campaign.name}: no input has a spread to scale: give [dispersion] a distribution "
+            f"that is one of {', '.join(SCALED)}"
         )
     total, done = 1 + 2 * len(spreads), 0
     progress = progress or _ignore
@@ -188,7 +193,8 @@ def allocate(
 
 
 def _settings(factors: dict[Dispersion, float]) -> dict[str, Any]:
-    """Settings of the file that scale spreads."""
+    """Return the settings of the file, distributions by TOML path, that scale the spreads of the
+    given dispersions by their factors."""
     return {
         f"dispersion.{one.parameter.key}": scaled_distribution(one, factor)
         for one, factor in factors.items()
@@ -196,14 +202,18 @@ def _settings(factors: dict[Dispersion, float]) -> dict[str, Any]:
 
 
 def _ignore(*_: object) -> None:
-    """Ignore a message."""
+    """Do nothing; stands in for a missing ``announce`` or ``progress``."""
 
 
 def _candidates(
     table: pd.DataFrame, spreads: Sequence[Dispersion], passes: bool
 ) -> tuple[list[Dispersion], float]:
-    """Inputs to scale in this order, and their factor: to double, those that alone still pass, the
-    smallest rise first; to halve, those whose halving surely helps, the largest gain first."""
+    """Return the inputs to scale, in this order, and the factor of their spreads.
+
+    If the campaign passes: `DOUBLE`, and inputs that pass when doubled alone, the smallest rise of
+    the violation probability first. Else: `HALF`, and inputs whose halving lowers it with 95 %
+    confidence, the largest gain first. ``spreads`` are the inputs of the rows of ``table``.
+    """
     if passes:
         good = table[table["double_passes"].eq(True)].sort_values("double", kind="stable")
         return [spreads[k] for k in good.index], DOUBLE
@@ -220,13 +230,14 @@ def _propose(
     seed: int,
     threads: int | None,
 ) -> tuple[list[Dispersion], bool, pd.DataFrame | None, int]:
-    """Scaled inputs, whether a fresh run shows all requirements with them, its verdicts and seed.
+    """Choose how many of the ``candidates`` to scale, by runs with other seeds.
 
-    The first inputs in the order of ``candidates`` are scaled: as many as possible if the campaign
-    passes, else as few as possible. Their number is searched by bisection, at most `MAX_TRIES`
-    runs; if the campaign passes and none of them does, the last one scales nothing, as the only
-    one without candidates. Without candidates for a campaign that does not pass there is no run:
-    False, None and ``seed``.
+    Returns the scaled inputs, True if such a run of them shows all requirements, the verdicts of
+    the run, and its seed. The first of the candidates are scaled: as many as possible if the
+    campaign ``passes``, else as few as possible. Their number is searched by bisection, in at most
+    `MAX_TRIES` runs. If the campaign passes but no earlier run does, the last run scales nothing;
+    so does the only run if there are no candidates. If the campaign does not pass and there are no
+    candidates, nothing is run, and the result is no inputs, False, None and ``seed``.
     """
     best: tuple[list[Dispersion], bool, pd.DataFrame | None, int] = ([], False, None, seed)
     low, high = (0, len(candidates)) if passes else (1, len(candidates))

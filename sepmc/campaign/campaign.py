@@ -59,7 +59,7 @@ from sepmc.scene.symbols import Function, with_load
 def load(
     path: str | Path, settings: dict[str, Any] | None = None, verify: bool = True
 ) -> "Campaign":
-    """Read a campaign.
+    """Read a campaign from its file, from a run folder, or by the name of a shipped one.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def load(
     settings : dict, optional
         Values that replace those of the file, by TOML path: ``{"solver.formulation": "full"}``.
     verify : bool
-        Check that the campaign of a run folder is unchanged.
+        For a run folder: check that its manifest, campaign file and sample table are unchanged.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def load(
     SceneError
         If the file has errors; the message lists each with the path of its key.
     StoreError
-        If the campaign of a run folder was changed.
+        If ``verify`` finds that the run folder was changed.
     """
     file = find_file(path)
     flown_settings: dict[str, str] = {}  # settings of the run
@@ -92,9 +92,9 @@ def load(
 
 
 class _NoCopyDict(dict[str, Any]):
-    """Dict in the ``attrs`` of a history that is not copied.
+    """Dict whose deep copy is the dict itself; used in the ``attrs`` of history tables.
 
-    pandas makes a deep copy of ``attrs`` for every column that is taken from a table.
+    pandas deep-copies ``attrs`` for every column that is taken from a table, which is slow.
     """
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "_NoCopyDict":
@@ -102,14 +102,16 @@ class _NoCopyDict(dict[str, Any]):
 
 
 class Campaign(Definition):
-    """Scene, dispersions and run settings of a campaign; `load` makes one of a file.
+    """A campaign: scene, dispersions and run settings, with the methods that run it.
+
+    `load` makes one from a file.
 
     Parameters
     ----------
     file : CampaignFile
         Parsed campaign file.
     settings : mapping of str to str, optional
-        Texts of the values that replaced those of the file, by TOML path; for titles.
+        Values that replaced those of the file, as text, by TOML path; shown in titles.
     """
 
     def __repr__(self) -> str:
@@ -121,12 +123,12 @@ class Campaign(Definition):
         )
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
-        """Campaign with other values.
+        """Return a copy of the campaign with some values of its file replaced.
 
         Parameters
         ----------
         settings : dict
-            Values by TOML path: ``{"body.upper.mass_kg": 460.0}``.
+            New values by TOML path: ``{"body.upper.mass_kg": 460.0}``.
 
         Returns
         -------
@@ -142,10 +144,10 @@ class Campaign(Definition):
         return Campaign(read, self.settings | as_text(settings or {}))
 
     def scenarios(self) -> dict[str, "Campaign"]:
-        """Campaigns of the scenarios of the file, by name.
+        """Return one campaign for each ``[[scenario]]`` of the file, by name of the scenario.
 
-        A parameter that a scenario sets is constant in it; all others are dispersed as in the
-        campaign, with the same random numbers.
+        A parameter that a scenario sets is constant in its campaign. All other parameters are
+        dispersed as in this campaign, with the same random numbers.
 
         Returns
         -------
@@ -154,12 +156,13 @@ class Campaign(Definition):
         Raises
         ------
         SceneError
-            If a scenario gives no valid campaign.
+            If the campaign of a scenario is not valid.
         """
         return {one.name: self._scenario(one) for one in self.file.scenarios}
 
     def _scenario(self, scenario: Scenario) -> "Campaign":
-        """Campaign of a scenario. Raises SceneError if it gives no valid campaign."""
+        """Return this campaign with the settings of a scenario. Raises SceneError if the result is
+        no valid campaign."""
         problems = Problems()
         table = self.file.input_table
         tree = scenario_tree(self.file.tree, self.scene, scenario, problems, table)
@@ -176,14 +179,15 @@ class Campaign(Definition):
         frame: str = "body",
         point_m: tuple[float, float, float] | None = None,
     ) -> "Campaign":
-        """Campaign with one more load, by a Python function.
+        """Return the campaign with one more load, whose force a Python function defines.
 
-        The function is called once, with symbols; what it computes becomes signals of the campaign.
+        The function is called once, with symbols in place of numbers. The expressions that it
+        returns become formulas (``[[signal]]``) of the campaign.
 
         Parameters
         ----------
         name : str
-            Of the load; its signals are ``NAME_force_x``, ...
+            Name of the load; its signals are ``NAME_force_x``, ...
         function : callable
             ``function(q)`` returns three components of the force, N, or a pair of them and three of
             the moment, N m; each a number or computed from quantities such as
@@ -202,7 +206,9 @@ class Campaign(Definition):
         Raises
         ------
         InputError
-            If the function cannot be a formula; a SceneError if the campaign refuses the load.
+            If the function cannot be turned into formulas.
+        SceneError
+            If the campaign is not valid with this load.
         """
         load: dict[str, Any] = {"name": name, "body": body, "frame": frame}
         load |= {} if point_m is None else {"point_m": list(point_m)}
@@ -219,6 +225,8 @@ class Campaign(Definition):
         announce: Log | None = None,
     ) -> Session:
         """Make a session, which runs many designs with one kernel and one selection of steps.
+
+        A design is a value for each design variable; all else is as in the campaign.
 
         Parameters
         ----------
@@ -237,8 +245,8 @@ class Campaign(Definition):
         Raises
         ------
         InputError, SceneError
-            If the varied numbers are no numbers of the scene, or their designs cannot share a
-            kernel.
+            If a path of ``vary`` names no number of the scene, a range does not rise, or the
+            designs cannot share a kernel.
         """
         return Session(self, vary, threads, announce)
 
@@ -249,47 +257,50 @@ class Campaign(Definition):
         announce: Log | None = None,
         plain_work: float | None = None,
     ) -> pd.DataFrame:
-        """Simulate one case.
+        """Simulate one case, and return its history over time.
 
-        The step is ``solver.step_s``, or a step at which two halvings in a row changed no outcome
-        by more than ``solver.accuracy``. The kernel runs in plain Python, or compiled where that
-        takes more than some ten seconds. Outcomes agree with the row of a run to the accuracy; a
-        case that does not converge within its work has a note.
+        If the file gives ``solver.step_s``, that is the integration step. Otherwise steps are
+        halved until two halvings in a row change no outcome by more than ``solver.accuracy``; a
+        case that does not converge within the allowed work gets a note. The kernel runs in plain
+        Python, or is compiled if plain Python would take more than about ten seconds. Outcomes
+        agree with the row of this case in a run to within the accuracy.
 
         Parameters
         ----------
         case : Case or int, optional
-            Nominal case if None. A `Case` is simulated with its own ``scene``.
+            A case number; or a `Case`, which is simulated with its own ``scene``. The nominal case
+            if None.
         step_s : float
             Interval of history rows, s; there are also two rows at each phase boundary.
         announce : callable (text), optional
             Called with messages, such as on the compilation of a kernel, and with the notes. If
             None, notes are issued as `sepmc.RunWarning`.
         plain_work : float, optional
-            Kernel lines that plain Python may run (1e7 in 5 s); with this limit nothing is
-            compiled.
+            Maximum number of kernel lines that plain Python may execute (1e7 take 5 s). If given,
+            no kernel is compiled.
 
         Returns
         -------
         DataFrame
-            Columns time_s, phase and those of `sepmc.schema.history_columns`. Its ``attrs`` are
-            ``units``; ``outcomes``; ``errors``, relative
-            (`sepmc.campaign.execution.accuracy.errors`): at a given step twice the change at half
-            of it, else the last change; ``status``; ``compiled``; ``notes``; times, s, of
-            ``releases`` by joint, ``partial_releases`` by ``JOINT.KIND``, ``events`` by name and
-            ends of strokes of ``springs`` by name, NaN if they did not occur.
+            Columns time_s, phase and those of `sepmc.schema.history_columns`. Its ``attrs``:
+            ``units`` of its columns; ``outcomes`` and audit columns, by name; ``errors``, the
+            relative numerical error of each outcome (twice its change at half of a given step,
+            else its change at the last halving); ``status``; ``compiled``, True if the kernel was
+            compiled; ``notes``; and times, s, NaN if not reached: ``releases`` by joint,
+            ``partial_releases`` by ``JOINT.KIND``, ``events`` by name, and ``springs``, the ends
+            of spring strokes, by name.
 
         Raises
         ------
         InputError
-            If there is no such case, or it has other columns.
+            If there is no case of this number, or a `Case` is of a campaign with other columns.
         UnknownError
-            If ``plain_work`` is too small.
+            If ``plain_work`` is too small for a result.
         """
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
             if contents(case.scene, self.dispersed) != self.layout.contents:
-                message = "must be a case of this campaign: it has other columns"
+                message = "must be a case of this campaign, but it has other columns"
                 raise InputError(f"case = {case!r}: {message}")
         elif case is not None:
             case = self.case(check_int("case", case, 0, CASES - 1))
@@ -337,7 +348,8 @@ class Campaign(Definition):
         return frame
 
     def _invalid_values(self, case: Case | None) -> list[str]:
-        """Reasons why sampled values of a case are invalid; empty if they are valid."""
+        """Return a message for each sampled value of a case that the model does not allow, and for
+        each load that ends before it starts; empty for a valid or nominal (None) case."""
         reasons = []
         for dispersion in self.file.dispersions:
             parameter, field = dispersion.parameter, dispersion.parameter.field
@@ -362,17 +374,17 @@ class Campaign(Definition):
         options: RunOptions | None = None,
         **fields: Any,
     ) -> Result:
-        """Run the campaign.
+        """Run the campaign: simulate its cases and evaluate their outcomes.
 
         Parameters
         ----------
         cases : int, str or iterable of int, optional
-            Number of cases, or which cases, such as ``"25:50,73"`` or their numbers. Default: those
-            of the file.
+            Number of cases; or case numbers, as integers or as text, ``"25:50,73"`` (25 to 49, and
+            73). Default: the cases of the file.
         seed : int, optional
             Default: the seed of the file.
         threads : int, optional
-            Default: all cores. The result does not depend on it.
+            Number of threads. Default: all cores. The result does not depend on it.
         out : path, optional
             Run folder to write; rows are read from there on demand. If None, all rows stay in
             memory.
@@ -397,11 +409,11 @@ class Campaign(Definition):
 
         Notes
         -----
-        An interrupted run (Ctrl-C) with ``out`` stores all finished chunks, and ``resume=True``
-        runs the missing cases in the mode in which the run began. A run that stores statistics
-        only saves its state every ten seconds. Resumed with the same stopping rule ``until``, it
-        stops at the same case; with a narrower tolerance it continues from the known statistic;
-        without a rule, it follows the rule it began with.
+        An interrupted run (Ctrl-C) with ``out`` stores all finished chunks of cases, and
+        ``resume=True`` runs the missing cases in the mode in which the run began. A run that stores
+        only statistics saves its state every ten seconds. A run resumed with the same stopping rule
+        ``until`` stops at the same case; with a narrower tolerance it continues from the known
+        statistic; without a rule it follows the rule it began with.
         """
         options = replace(options or RunOptions(), **fields)
         stats_only, until, resume = options.stats_only, options.until, options.resume
@@ -442,8 +454,8 @@ class Campaign(Definition):
     def _run(
         self, folder: Path | None, spec: SampleSpec, resume: bool, options: ExecutionOptions
     ) -> Result:
-        """Run the cases of ``spec`` in memory, or into ``folder``, which is open for writing; with
-        ``resume`` only those that are missing there."""
+        """Run the cases of ``spec`` into ``folder``, which is open for writing, or in memory if it
+        is None. With ``resume``, run only the cases that the folder does not contain yet."""
         seed, numbers = spec.seed, spec.numbers
         stats_only, announce, executor, stop = (
             options.stats_only,
@@ -527,8 +539,9 @@ class Campaign(Definition):
         )
 
     def _keep(self, options: RunOptions, out: Any) -> KeepRules | None:
-        """Rules for rows to store beside statistics; None if none is given. Raises InputError if
-        they are not valid, or there is no folder ``out``."""
+        """Return the parsed rules of ``options.keep``, which select the case rows to store beside
+        statistics; None if it is None. Raises InputError if the rules or the options that depend
+        on them are not valid, or there is no run folder ``out`` to store rows in."""
         keep, columns = options.keep, options.keep_columns
         if keep is None:
             if columns or options.float32:
@@ -568,12 +581,13 @@ class Campaign(Definition):
         requirement : str
             Name of a requirement on a numeric outcome or on contact.
         most : int
-            Maximum number of cases, 1e4 to 1e7: 1e5 give a probability of 1e-6 within 25 % (95 %
-            confidence).
+            Maximum number of cases, 1e4 to 1e7. 1e5 cases give a probability of 1e-6 to within 25 %
+            (95 % confidence).
         seed, out, threads, overwrite, progress, announce
             As for `run`.
         resume : bool
-            Continue an interrupted estimate in ``out``; it ends in the same numbers.
+            Continue an interrupted estimate in ``out``; the result is the same as without the
+            interruption.
 
         Returns
         -------
@@ -582,7 +596,8 @@ class Campaign(Definition):
         Raises
         ------
         StoreError, ValueError
-            If ``out`` cannot be used, or the requirement has no limit state.
+            If ``out`` cannot be used, there is no such requirement, or no margin measures how far
+            a case is from violating it.
         """
         check_threads(threads)
         limit_state(self, check_text("requirement", requirement, "a name"))
@@ -598,14 +613,14 @@ class Campaign(Definition):
         return estimate
 
     def until(self, text: str, numbers: CaseSelection) -> StoppingRule:
-        """Parse a stopping rule.
+        """Parse a stopping rule, and check that it can stop a run of the given cases.
 
         Parameters
         ----------
         text : str
             ``METRIC:TOLERANCE``, as ``until`` of `RunOptions`.
         numbers : CaseSelection
-            Cases of the run.
+            Cases of the run to be stopped.
 
         Returns
         -------
@@ -614,14 +629,15 @@ class Campaign(Definition):
         Raises
         ------
         InputError
-            If it is no stopping rule of this campaign, or these cases cannot be stopped early.
+            If the text is no stopping rule for an outcome or status of this campaign, the sampler
+            or the selection of cases allows no early stop, or the cases are too few for the rule.
         """
         check_text("until", text, "separation_speed_m_s:0.01")
         rule = parse_stopping_rule(text, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in SIZE_DEPENDENT:
             sampler = self.scene.run.sampler
             reason = f"run.sampler = {sampler!r}, whose cases depend on their number; use random"
-            reason = reason if numbers.are_first else "case numbers; give a number of cases"
+            reason = reason if numbers.are_first else "selected case numbers; give a count of cases"
             raise InputError(f"until = {text}: cannot be combined with {reason}")
         rule.check(self.rare_values, numbers.count)
         return rule
@@ -630,23 +646,26 @@ class Campaign(Definition):
 def _check_executor(
     executor: Executor | None, out: Any, until: str | None, is_counted_selection: bool
 ) -> None:
-    """Raise InputError if workers cannot run these cases. ``is_counted_selection`` is True if only
-    statistics are stored, of cases that are not the first ones."""
+    """Raise InputError if worker processes (``executor``) are given but cannot run the cases.
+
+    They need a run folder ``out`` and no stopping rule ``until``. ``is_counted_selection`` is True
+    for a run that stores statistics of selected case numbers, which they cannot run either.
+    """
     if executor is None:
         return
     if out is None:
-        raise InputError("executor: workers write into a run folder; give its path as out")
+        raise InputError("executor: its workers write into a run folder; give its path as out")
     if until is not None:
         raise InputError(
             f"until = {until}: cannot be combined with workers, which run cases before it is known "
             "whether they are needed"
         )
     if is_counted_selection:
-        message = "cannot be combined with workers and case numbers; give a number of cases"
+        message = "cannot be combined with workers and selected case numbers; give a count of cases"
         raise InputError(f"stats_only, keep: {message}")
 
 
 def _warn(notes: list[str], announce: Log | None) -> None:
-    """Issue notes as warnings if there is no log."""
+    """Issue each note as a `RunWarning` if ``announce`` is None; otherwise do nothing."""
     for note in notes if announce is None else ():
         warn(note, RunWarning)

@@ -1,4 +1,5 @@
-"""Selection of the cases of a campaign: their number, ``10000``, or case numbers, ``25:50,73``."""
+"""Selection of cases of a campaign: the number of cases, ``10000``, or case numbers,
+``25:50,73``."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -17,13 +18,13 @@ _ALLOWED = (
 
 @dataclass(frozen=True)
 class CaseSelection:
-    """Case numbers as sorted, separate ranges (first, end); ``end`` is not included."""
+    """A set of case numbers, stored as sorted, separate ranges (first, end) without ``end``."""
 
     ranges: tuple[tuple[int, int], ...]
 
     @classmethod
     def of(cls, numbers: Iterable[int]) -> "CaseSelection":
-        """Selection of case numbers in any order."""
+        """Make a selection of case numbers, which may be in any order and repeated."""
         array = numbers if isinstance(numbers, np.ndarray) else np.fromiter(numbers, dtype=np.int64)
         sorted_ = np.unique(array).astype(np.int64)
         ends = np.flatnonzero(np.diff(sorted_) != 1)
@@ -33,7 +34,7 @@ class CaseSelection:
 
     @classmethod
     def of_ranges(cls, ranges: Iterable[tuple[int, int]]) -> "CaseSelection":
-        """Selection of ranges (first, end) in any order, which may overlap."""
+        """Make a selection of ranges (first, end), which may be in any order and overlap."""
         merged: list[tuple[int, int]] = []
         for first, end in sorted(ranges):
             if merged and first <= merged[-1][1]:
@@ -44,17 +45,17 @@ class CaseSelection:
 
     @classmethod
     def first(cls, count: int) -> "CaseSelection":
-        """Selection of the first ``count`` cases."""
+        """Make the selection of cases 0 to ``count`` - 1."""
         return cls(((0, count),) if count else ())
 
     @property
     def count(self) -> int:
-        """Number of cases."""
+        """Number of selected cases."""
         return sum(end - first for first, end in self.ranges)
 
     @property
     def end(self) -> int:
-        """One more than the last case number."""
+        """Last case number plus 1; 0 if the selection is empty."""
         return self.ranges[-1][1] if self.ranges else 0
 
     @property
@@ -69,7 +70,7 @@ class CaseSelection:
         return ",".join(str(a) if b == a + 1 else f"{a}:{b}" for a, b in self.ranges)
 
     def without(self, done: np.ndarray) -> "CaseSelection":
-        """Selection without the sorted case numbers ``done`` (n,)."""
+        """Return the selection without the sorted case numbers ``done`` (n,)."""
         left: list[tuple[int, int]] = []
         for first, end in self.ranges:
             inside = done[np.searchsorted(done, first) : np.searchsorted(done, end)]
@@ -79,7 +80,7 @@ class CaseSelection:
         return CaseSelection(tuple(left))
 
     def after(self, count: int) -> "CaseSelection":
-        """Selection without its first ``count`` cases."""
+        """Return the selection without its ``count`` lowest case numbers."""
         left = []
         for first, end in self.ranges:
             count_skipped = min(count, end - first)
@@ -89,7 +90,7 @@ class CaseSelection:
         return CaseSelection(tuple(left))
 
     def before(self, count: int) -> "CaseSelection":
-        """First ``count`` cases of the selection."""
+        """Return the selection of the ``count`` lowest case numbers of this one."""
         ranges = []
         for first, end in self.ranges:
             count_taken = min(count, end - first)
@@ -99,7 +100,7 @@ class CaseSelection:
         return CaseSelection(tuple(ranges))
 
     def within(self, other: "CaseSelection") -> "CaseSelection":
-        """Cases that are also in ``other``."""
+        """Return the selection of the cases that are both in this one and in ``other``."""
         pairs = [
             (max(first, other_first), min(end, other_end))
             for first, end in self.ranges
@@ -108,47 +109,47 @@ class CaseSelection:
         return CaseSelection(tuple(pair for pair in pairs if pair[0] < pair[1]))
 
     def omits(self, done: np.ndarray) -> bool:
-        """Return True if some of the sorted case numbers ``done`` (n,) are not selected."""
+        """Return True if one of the sorted case numbers ``done`` (n,) is not in the selection."""
         n_inside = sum(
             np.searchsorted(done, end) - np.searchsorted(done, first) for first, end in self.ranges
         )
         return bool(n_inside < len(done))
 
     def count_common(self, other: "CaseSelection") -> int:
-        """Number of cases that are also in ``other``."""
+        """Return the number of cases that are both in this selection and in ``other``."""
         return self.within(other).count
 
     def doubling(self, first: int) -> "Iterator[CaseSelection]":
-        """Consecutive selections that together are all cases below `end`: ``first`` cases, as many
-        again, twice as many, four times as many, ..."""
+        """Yield consecutive selections of all cases from 0 to `end` - 1, also unselected ones:
+        ``first`` cases, as many again, twice as many, four times as many, ..."""
         start, end = 0, first
         while start < self.end:
             yield CaseSelection(((start, min(end, self.end)),))
             start, end = end, 2 * end
 
     def split(self, size: int) -> Iterator[tuple[int, int]]:
-        """Split the selection into ranges (first, end) of at most ``size`` cases."""
+        """Yield the selection as ranges (first, end) of at most ``size`` cases, in order."""
         for first, end in self.ranges:
             for start in range(first, end, size):
                 yield start, min(start + size, end)
 
 
 def parse(text: str) -> CaseSelection:
-    """Selection from text: case numbers, ``25:50,73``, or a number of first cases. Raises
-    InputError."""
+    """Return the selection that a text describes: case numbers, ``25:50,73``, or a number N of
+    cases, 0 to N - 1. Raises InputError if the text is neither."""
     selection = read(text)
     return CaseSelection.first(selection) if isinstance(selection, int) else selection
 
 
 def read(value: Any, name: str = "cases") -> int | CaseSelection:
-    """Read a number of cases or a selection.
+    """Convert an argument that is either a number of cases or a selection of case numbers.
 
     Parameters
     ----------
     value : int, str, iterable of int or CaseSelection
         A number of cases, ``1000`` or ``"1e6"``; or case numbers, ``"25:50,73"`` or ``[3, 17]``.
     name : str
-        Name of the value in errors.
+        Name of the argument in error messages.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def read(value: Any, name: str = "cases") -> int | CaseSelection:
     Raises
     ------
     InputError
-        If the value is neither, or a number is out of range; the message has the allowed values.
+        If the value is neither, or a number is out of range.
     """
     if isinstance(value, CaseSelection):
         return value
@@ -174,6 +175,7 @@ def read(value: Any, name: str = "cases") -> int | CaseSelection:
 
 
 def _from_text(text: str, name: str) -> int | CaseSelection:
+    """Parse text for `read`, which has the same result and errors."""
     error = InputError(f"{name} = {text}: {_ALLOWED}")
     if "," not in text and ":" not in text:
         try:

@@ -1,12 +1,13 @@
-"""Sampling of case tables from dispersions: the only module that draws random numbers.
+"""Sampling of case tables from dispersions: the source of the random inputs of all cases.
 
 Each dispersed parameter has its own Philox stream, keyed by the seed and its path without unit.
 Case i uses number i of each stream: more parameters or more cases change no other value, and any
 case can be sampled alone. A Latin hypercube puts case i into the stratum of a permutation; a Sobol
 sequence gives each parameter a dimension, in file order. A Saltelli design has groups of cases: a
-Sobol point, and copies of it with one parameter after the other taken from a second point, of eight
-independently scrambled sequences, whose differences give the error of an index. Rare-event
-estimates take normal scores from generators keyed by the seed and their purpose.
+Sobol point, copies of it in which one parameter each is taken from a second point, and the second
+point. Its points come from eight independently scrambled Sobol sequences, whose differences give
+the error of an index. Rare-event estimates take normal scores from generators keyed by the seed and
+their purpose.
 """
 
 import hashlib
@@ -27,21 +28,21 @@ _TAIL_PROBABILITY = 1e-6  # probability of the tails beyond the range of a distr
 _NUMBERS_PER_COUNTER = 4  # of Philox 4x64
 _SOBOL_BITS = 32  # of a Sobol number
 _BELOW_ONE = 1.0 - 2.0**-53  # largest float below 1
-_MIN_PROBABILITY = 1e-300  # of a probability
+_MIN_PROBABILITY = 1e-300  # smallest probability at which a quantile is evaluated
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Sampler of a case table, and the correlations of its parameters.
+    """How a case table is sampled: sampler, number of cases, and correlations.
 
     Attributes
     ----------
     sampler : str
-        "random", "lhs", "sobol" or "saltelli".
+        "random", "lhs" (Latin hypercube), "sobol" or "saltelli".
     cases : int
-        Number of cases of the whole sample, which the samplers of `SIZE_DEPENDENT` need.
+        Number of cases of the whole sample; used only by the samplers of `SIZE_DEPENDENT`.
     copulas : tuple of Copula
-        Gaussian copulas of correlated parameters.
+        Gaussian copulas, one for each group of correlated parameters.
     """
 
     sampler: str = "random"
@@ -54,7 +55,7 @@ SIZE_DEPENDENT = ("lhs", "saltelli")  # samplers whose cases depend on their num
 
 
 def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
-    """Uniform numbers ``first`` to ``first + count`` - 1 of the stream of a parameter.
+    """Uniform random numbers of cases ``first`` to ``first + count`` - 1 for one parameter.
 
     Parameters
     ----------
@@ -80,27 +81,29 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
-    """Random generator that follows from a seed and a purpose, independent of all streams of
-    parameters."""
+    """Return the random generator for a seed and a purpose (any text); it is independent of the
+    streams of all parameters."""
     return np.random.Generator(np.random.Philox(key=_key(seed, f"{purpose}:")))
 
 
 def _key(seed: int, path: str) -> int:
-    """Key, 128 bits, of the random stream of a seed and a parameter path or purpose."""
+    """Return the key (128 bits) of the Philox stream for a seed and ``path``, which is the path of
+    a parameter or the text of a purpose."""
     text = f"{seed}:{path}".encode()
     return int.from_bytes(hashlib.blake2b(text, digest_size=16).digest(), "little")
 
 
 @lru_cache(maxsize=64)
 def _strata(seed: int, path: str, cases: int) -> np.ndarray:
-    """Stratum (cases,), 0 to ``cases`` - 1, of each case of a Latin hypercube in one parameter."""
+    """Return the stratum of each case of a Latin hypercube in one parameter: a random permutation
+    of 0 to ``cases`` - 1."""
     generator = np.random.Generator(np.random.Philox(key=_key(seed, f"{path}:strata")))
     return generator.permutation(cases)
 
 
 def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Points ``first`` to ``first + count`` - 1 of a scrambled Sobol sequence (dimensions, count),
-    at the centres of their cells: never 0 or 1."""
+    """Return points ``first`` to ``first + count`` - 1 of a scrambled Sobol sequence, shape
+    (dimensions, count), at the centres of their cells: never 0 or 1."""
     from scipy.stats import qmc  # noqa: PLC0415  (1 s that other samplers do not need)
 
     points = qmc.Sobol(dimensions, bits=_SOBOL_BITS, rng=np.random.default_rng(seed))
@@ -112,10 +115,12 @@ def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
-    """Probabilities (dimensions, count) of cases ``first`` to ``first + count`` - 1 of a Saltelli
-    design.
+    """Return the probabilities (dimensions, count) of cases ``first`` to ``first + count`` - 1 of a
+    Saltelli design.
 
-    Group g uses both halves of point g // `REPLICATES` of Sobol sequence g % `REPLICATES`.
+    A group has ``dimensions`` + 2 cases: the first point, a copy with each parameter in turn from
+    the second point, and the second point. The two points of group g are the halves of point
+    g // `REPLICATES` of Sobol sequence g % `REPLICATES`.
     """
     size = dimensions + 2
     first_group, end = first // size, -(-(first + count) // size)
@@ -135,8 +140,8 @@ def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
-    """Reason why a sampler cannot sample its number of cases with this number of dispersed
-    parameters (``dimensions``); empty if it can."""
+    """Return the reason why a sampler cannot sample its number of cases with ``dimensions``
+    dispersed parameters, as text that follows ``cases = N:``; empty if it can."""
     size = dimensions + 2
     if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
         max_cases = DESIGN_NUMBERS // dimensions
@@ -157,21 +162,22 @@ def size_fault(sampling: Sampling, dimensions: int) -> str:
 def probabilities(
     paths: Sequence[str], seed: int, first: int, count: int, sampling: Sampling = RANDOM
 ) -> np.ndarray:
-    """Probabilities at which distributions are evaluated, for cases ``first`` to ``first + count``
-    - 1.
+    """Sample the probabilities at which distributions are evaluated, for cases ``first`` to
+    ``first + count`` - 1.
 
     Parameters
     ----------
     paths : sequence of str
-        Of the parameters.
+        TOML paths of the parameters, without units.
     seed, first, count : int
         Seed, number of the first case, and number of cases.
     sampling : Sampling
+        Sampler and correlations; plain random and independent by default.
 
     Returns
     -------
     ndarray, shape (len(paths), count)
-        Between 0 and 1; rows are uniform, and independent but for the copulas.
+        A row per parameter, between 0 and 1: uniform, and independent but for the copulas.
     """
     if sampling.sampler == "sobol" and paths:
         u = _sobol(len(paths), seed, first, count)
@@ -190,7 +196,7 @@ def probabilities(
 
 
 def _correlate(u: np.ndarray, copula: Copula) -> None:
-    """Correlate rows of probabilities (d, n) by a copula, in place."""
+    """Correlate the rows of independent probabilities ``u`` (d, n) by a copula, in place."""
     from scipy.special import ndtr, ndtri  # noqa: PLC0415
 
     scores = [ndtri(u[index]) for index in copula.places]
@@ -201,10 +207,11 @@ def _correlate(u: np.ndarray, copula: Copula) -> None:
 def _mix_scores(
     rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.ndarray
 ) -> list[int]:
-    """Write correlated scores into ``rows`` (d, n), made of the independent ``scores`` (k, n) of
-    the k parameters of a copula.
+    """Correlate the normal ``scores`` (k, n) of the k parameters of a copula, and write the result
+    into their rows of ``rows`` (d, n).
 
-    Returns the indices of the rows written; other rows keep their bits.
+    Returns the indices of the rows written. Rows that no correlation changes, such as that of the
+    first parameter, are not written and keep their bits.
     """
     changed = []
     for k, (index, factors) in enumerate(zip(copula.places, copula.factor, strict=True)):
@@ -216,13 +223,13 @@ def _mix_scores(
 
 
 def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Quantiles of a distribution.
+    """Return the quantiles of a distribution: its values at given probabilities.
 
     Parameters
     ----------
     dispersion : Dispersion
     u : ndarray
-        Probabilities.
+        Probabilities, between 0 and 1.
 
     Returns
     -------
@@ -264,7 +271,7 @@ def sample(
     count: int,
     sampling: Sampling = RANDOM,
 ) -> np.ndarray:
-    """Case table of cases ``first`` to ``first + count`` - 1.
+    """Sample the inputs of cases ``first`` to ``first + count`` - 1.
 
     Parameters
     ----------
@@ -272,12 +279,13 @@ def sample(
     seed, first, count : int
         Seed, number of the first case, and number of cases.
     sampling : Sampling
+        Sampler and correlations; plain random and independent by default.
 
     Returns
     -------
     ndarray, shape (count, len(dispersions))
-        In the units of the keys, in Fortran order. Measured: 160 ns per case for 27 uniform
-        distributions.
+        A row per case and a column per dispersion, in the units of the keys; Fortran order.
+        Measured: 160 ns per case for 27 uniform distributions.
     """
     table = probabilities([d.parameter.path for d in dispersions], seed, first, count, sampling)
     for row, dispersion in zip(table, dispersions, strict=True):
@@ -288,13 +296,15 @@ def sample(
 def inputs_at_scores(
     dispersions: Sequence[Dispersion], scores: np.ndarray, copulas: Sequence[Copula] = ()
 ) -> np.ndarray:
-    """Case table at independent standard-normal scores.
+    """Convert independent standard-normal scores to inputs of cases.
 
     Parameters
     ----------
     dispersions : sequence of Dispersion
     scores : ndarray, shape (n, d)
+        A row per case, a column per dispersion.
     copulas : sequence of Copula
+        Correlations to apply to the scores first.
 
     Returns
     -------
@@ -311,14 +321,15 @@ def inputs_at_scores(
 
 
 def normal_score(probability: float) -> float:
-    """Standard-normal score of a probability."""
+    """Return the standard-normal quantile of a probability."""
     from scipy.special import ndtri  # noqa: PLC0415
 
     return float(ndtri(probability))
 
 
 def correlated_scores(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarray:
-    """Correlated normal scores (n, d), made of independent ones (n, d)."""
+    """Return normal scores (n, d) with the correlations of the copulas, made of independent
+    ``scores`` (n, d), which stay as they are."""
     rows = scores.T.copy()
     for copula in copulas:
         _mix_scores(rows, copula, scores.T[list(copula.places)])
@@ -326,8 +337,9 @@ def correlated_scores(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarr
 
 
 def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:
-    """The scene with all dispersed parameters at their minimum, and at their maximum; empty without
-    dispersions. Extremes of a continuous distribution are its quantiles at 1e-6 and 1 - 1e-6."""
+    """Return two scenes: all dispersed parameters at their minimum, and all at their maximum; an
+    empty tuple without dispersions. Extremes of a continuous distribution are its quantiles at 1e-6
+    and 1 - 1e-6."""
     if not dispersions:
         return ()
     ends = [_range(d) * d.parameter.factor for d in dispersions]
@@ -339,8 +351,8 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
 
 
 def _range(dispersion: Dispersion) -> np.ndarray:
-    """Minimum and maximum (2,) of a distribution, of a continuous one the quantiles at 1e-6 and 1 -
-    1e-6, in the unit of the parameter's key."""
+    """Return minimum and maximum, shape (2,), of a distribution in the unit of the parameter's key;
+    of a continuous one the quantiles at 1e-6 and 1 - 1e-6."""
     if dispersion.distribution == "discrete":
         return np.array([min(dispersion.numbers), max(dispersion.numbers)])
     return quantile(dispersion, np.array([_TAIL_PROBABILITY, 1.0 - _TAIL_PROBABILITY]))

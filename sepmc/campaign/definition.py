@@ -1,5 +1,5 @@
-"""Definition of a campaign: a scene, its dispersions, and the columns and samples that follow. No
-integration."""
+"""Definition of a campaign: scene and dispersions, and the table columns and samples of inputs that
+follow from them. Nothing here integrates a case."""
 
 import hashlib
 from collections import Counter
@@ -53,19 +53,19 @@ _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 @dataclass(frozen=True, repr=False)
 class Case:
-    """One case, fully resolved.
+    """One case of a campaign, with the values of all its parameters.
 
     Attributes
     ----------
     number : int
-        -1 for the nominal case.
+        Case number; -1 for the nominal case.
     scene : Scene
-        Values of the case, SI.
+        Scene with the values of the case, SI.
     inputs : dict of str to float
-        Dispersed inputs by column, in the units of the campaign file.
+        Dispersed inputs by column name, in the units of the campaign file; empty if nominal.
     reach : dict of str to (float, float)
-        Smallest and largest value of each input; 3 sigma for a normal distribution without
-        truncation.
+        Smallest and largest value that each input can have, by column name; mean +- 3 sigma for a
+        normal distribution without truncation.
     """
 
     number: int
@@ -80,7 +80,8 @@ class Case:
         return f"<Case {title}{': ' if inputs else ''}{', '.join(inputs + rest)}>"
 
     def _repr_html_(self) -> str:
-        """Inputs as a table, each with its position within its distribution, for notebooks."""
+        """HTML table for notebooks: each input, its value, and a figure of its position within its
+        range."""
         rows = "".join(
             f"<tr><td>{escape(name)}</td><td>{value:.9g}</td>"
             f"<td>{position_svg(value, *self.reach.get(name, (value, value)))}</td></tr>"
@@ -95,12 +96,13 @@ class Case:
         Returns
         -------
         dict
-            Nested dicts and lists, in SI and radians, without unset values.
+            Nested dicts and lists, in SI and radians; fields that are None are left out.
         """
         return _without_none(msgspec.to_builtins(self.scene))
 
 
 def _without_none(node: Any) -> Any:
+    """Return nested dicts and lists without the dict entries that are None, at any depth."""
     if isinstance(node, dict):
         return {key: _without_none(value) for key, value in node.items() if value is not None}
     return [_without_none(item) for item in node] if isinstance(node, list | tuple) else node
@@ -114,7 +116,7 @@ class Definition:
     file : CampaignFile
         Parsed campaign file.
     settings : mapping of str to str, optional
-        Texts of the values that replaced those of the file, by TOML path; for titles.
+        Values that replaced those of the file, as text, by TOML path; shown in titles.
     """
 
     def __init__(self, file: CampaignFile, settings: Mapping[str, str] | None = None):
@@ -133,7 +135,7 @@ class Definition:
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """Layout of the kernel parameters.
+        """Parameter vector of the kernel: index and nominal value of every parameter.
 
         Raises
         ------
@@ -152,39 +154,41 @@ class Definition:
 
     @cached_property
     def dispersed(self) -> frozenset[str]:
-        """Paths of the dispersed parameters."""
+        """TOML paths of the dispersed parameters, without units."""
         return frozenset(d.parameter.path for d in self.file.dispersions)
 
     @cached_property
     def rare_values(self) -> tuple[RareValue, ...]:
-        """Values of discrete distributions, and pairs of values of correlated ones, whose
-        occurrences are counted; see `sepmc.analysis.rare_values`."""
+        """Values of discrete distributions, and pairs of values of two correlated ones, whose
+        occurrences a run counts; see `sepmc.analysis.rare_values`."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
     @property
     def has_histories(self) -> bool:
-        """True if separations over time are stored: requested, and the scene has joints."""
+        """True if runs store separations over time: ``run.history_step_s`` is above 0, and the
+        scene has joints."""
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
     def stored_history_columns(self, wanted: bool = True) -> list[Column]:
-        """Columns of the stored separations over time.
+        """Columns of the separations over time that a run stores.
 
         Parameters
         ----------
         wanted : bool
-            If False, there are none.
+            Set False for a run that stores no histories.
 
         Returns
         -------
         list of Column
+            Empty if no histories are stored.
         """
         joints = list(self.layout.joints)
         return schema.separation_columns(joints) if wanted and self.has_histories else []
 
     @property
     def reference(self) -> dict[str, dict[str, float]] | None:
-        """Reference statistics of the file by outcome: those of mean, sigma, min and max that it
-        gives; None if it has no reference."""
+        """Reference statistics that the file gives, by outcome and then by name (mean, sigma, min
+        or max), in the units of the outcomes; None if it gives none."""
         if self.file.reference is None:
             return None
         outcome = msgspec.to_builtins(self.file.reference.outcome)
@@ -202,12 +206,12 @@ class Definition:
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
-        """Columns of the outcomes."""
+        """Columns of the outcomes, which are the first of `result_columns`."""
         return schema.outcome_columns(self.layout.contents)
 
     @cached_property
     def result_columns(self) -> list[Column]:
-        """Columns of all results of the kernel, in its order."""
+        """Columns of all results of the kernel, in its order: outcomes, then audit columns."""
         return schema.result_columns(self.layout.contents)
 
     @cached_property
@@ -223,8 +227,8 @@ class Definition:
     def summary_inputs(
         self,
     ) -> tuple[list[str], list[str], dict[str, float], tuple[Requirement, ...]]:
-        """Arguments of statistics: names of outcomes and audit columns, audit bounds, and
-        requirements."""
+        """Names of outcomes, names of audit columns, audit bounds by name, and requirements: the
+        arguments of `TableStatistics` after the case table."""
         outcomes, audits = (
             [c.name for c in columns] for columns in (self.outcome_columns, schema.audit_columns())
         )
@@ -232,18 +236,18 @@ class Definition:
 
     @cached_property
     def slots(self) -> np.ndarray:
-        """Indices (d,) of the dispersed parameters in the parameter vector of the kernel."""
+        """Indices (d,) of the d dispersed parameters in the parameter vector of the kernel."""
         return np.array(
             [self.layout.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
         )
 
     @cached_property
     def factors(self) -> np.ndarray:
-        """Factors (d,) from the units of the file to SI."""
+        """Factors (d,) that convert the dispersed inputs from the units of the file to SI."""
         return np.array([d.parameter.factor for d in self.file.dispersions])
 
     def in_si(self, inputs: np.ndarray) -> np.ndarray:
-        """Inputs in SI for a kernel.
+        """Convert the inputs of n cases to SI, and mark invalid ones for the kernel.
 
         Parameters
         ----------
@@ -253,7 +257,8 @@ class Definition:
         Returns
         -------
         ndarray, shape (n, d)
-            NaN where a parameter is invalid; a kernel does not integrate these cases.
+            SI. NaN where the model does not allow a value, and in all inputs of a case with a load
+            that does not end after its start; a kernel does not integrate cases with NaN.
         """
         inputs_si = inputs * self.factors
         for i, dispersion in enumerate(self.file.dispersions):
@@ -263,7 +268,7 @@ class Definition:
         return inputs_si
 
     def ends_before_start(self, inputs_si: np.ndarray) -> np.ndarray:
-        """Find cases with a load that ends before it starts, or at its start.
+        """Find the cases in which a load with dispersed times does not end after its start.
 
         Parameters
         ----------
@@ -273,7 +278,7 @@ class Definition:
         Returns
         -------
         ndarray of bool, shape (n,)
-            True for these cases.
+            True for the cases found.
         """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_early = np.zeros(len(inputs_si), dtype=bool)
@@ -289,20 +294,22 @@ class Definition:
 
     @property
     def digest(self) -> str:
-        """Digest of all that determines the outcomes of a case: runs of equal digest and seed have
-        equal rows."""
+        """Digest (16 hexadecimal digits) of all that determines the outcomes of a case, but for the
+        seed: runs of equal digest and seed have equal rows."""
         text = msgspec.json.encode(self._contents, order="deterministic")
         return hashlib.sha256(text).hexdigest()[:16]
 
     @property
     def ordered_text(self) -> bytes:
-        """JSON text of all that determines the outcomes of a case, in the order of the file, which
-        is that of parameters and columns. A file and its resolved copy have the same text."""
+        """JSON text of all that determines the outcomes of a case, but for the seed. Keys are in
+        the order of the file, from which the order of parameters and columns follows; a campaign
+        file and the resolved copy in its run folder have the same text."""
         return msgspec.json.encode(_as_written(self._contents))
 
     @property
     def _contents(self) -> dict[str, Any]:
-        """Contents of the file that determine the outcomes of a case."""
+        """TOML tree of the file without the keys that change no outcome of a case; the sample table
+        is represented by its digest."""
         tree = {k: v for k, v in self.file.tree.items() if k not in _NO_OUTCOME}
         tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in _NOT_IN_DIGEST}
         if self.file.input_table:
@@ -311,7 +318,8 @@ class Definition:
 
     @property
     def inputs_digest(self) -> str:
-        """Digest of the columns of the sample table that give inputs; empty without a table."""
+        """Digest of the case numbers of the sample table and of its columns that give inputs; empty
+        text without a table."""
         used = [d.column for d in self.file.dispersions if d.column]
         return self.file.input_table.digest(used) if self.file.input_table else ""
 
@@ -323,10 +331,12 @@ class Definition:
         Parameters
         ----------
         first, count : int
+            Number of the first case, and number of cases.
         seed : int, optional
-            Of the file if None.
+            That of the file if None.
         total : int, optional
-            Number of cases of the sample; of the file if None.
+            Number of cases of the whole sample, on which some samplers depend; that of the file if
+            None.
 
         Returns
         -------
@@ -356,7 +366,7 @@ class Definition:
 
     @property
     def numbers(self) -> CaseSelection:
-        """Cases of the file: its first cases, or those of its sample table."""
+        """Cases that the file asks for: the first ``run.cases``, or those of its sample table."""
         inputs = self.file.input_table
         return (
             CaseSelection.first(self.scene.run.cases)
@@ -365,23 +375,25 @@ class Definition:
         )
 
     def select_cases(self, cases: Any = None) -> tuple[CaseSelection, int]:
-        """Select cases.
+        """Convert a request for cases to a selection, and check that these cases exist.
 
         Parameters
         ----------
         cases : int, str, iterable of int or CaseSelection, optional
-            See `sepmc.campaign.case_selection.read`; the cases of the file if None.
+            A number of cases (the first ones, also of a sample table) or case numbers; see
+            `sepmc.campaign.case_selection.read`. The cases of the file if None.
 
         Returns
         -------
         selection : CaseSelection
         total : int
-            Number of cases of the sample that they belong to.
+            Number of cases of the sample that the selected ones belong to.
 
         Raises
         ------
         InputError
-            If there are no such cases.
+            If a case is not in the sample table, or not in a sample of fixed size, or the sampler
+            cannot have this number of cases.
         """
         of_file, inputs = self.numbers, self.file.input_table
         selection = of_file if cases is None else read_numbers(cases)
@@ -402,12 +414,12 @@ class Definition:
         return selection, total
 
     def sampling_of(self, total: int | None = None) -> cases.Sampling:
-        """Sampler, number of cases and correlations of a sample.
+        """Return the sampler, the number of cases and the correlations of a whole sample.
 
         Parameters
         ----------
         total : int, optional
-            Number of cases; default that of the file.
+            Number of cases of the sample; that of the file if None.
 
         Returns
         -------
@@ -427,24 +439,24 @@ class Definition:
 
     @property
     def design(self) -> str:
-        """Sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: the name of the
-        sampler, or `PLAN` if a sample table gives inputs that are otherwise random or a Latin
-        hypercube."""
+        """Name of the sampling design, a key of `sepmc.analysis.variance_indices.ESTIMATORS`:
+        `PLAN` if a sample table gives inputs and the sampler is random or lhs; else the sampler."""
         sampler = self.scene.run.sampler
         return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
 
     @property
     def correlated(self) -> list[list[str]]:
-        """Names of the columns of correlated inputs, a list for each group."""
+        """Names of the columns of correlated inputs, a list for each correlated group."""
         dispersions = self.file.dispersions
         return [[dispersions[k].parameter.column for k in c.places] for c in self.file.copulas]
 
     def case(self, number: int, seed: int | None = None, total: int | None = None) -> Case:
-        """Resolve one case in SI, without sampling the others.
+        """Sample one case alone, and return it with the values of all its parameters.
 
         Parameters
         ----------
         number : int
+            Case number.
         seed, total : int, optional
             As for `sample`.
 
@@ -473,13 +485,14 @@ class Definition:
         )
 
     def nominal(self) -> Case:
-        """Nominal case, with the values that follow from the nominal scene and that all cases
-        share: the direction that ``alpha_ref`` counts from, and the separation signs of joints.
+        """Return the nominal case. Its scene also has two kinds of values that are computed from
+        the nominal scene and shared by all cases: the direction from which ``alpha_ref`` is
+        measured, and the separation signs of the joints.
 
         Returns
         -------
         Case
-            Its number is -1.
+            Number -1, without inputs.
         """
         initial = self.scene.initial
         if initial.path_reference is None:
@@ -491,12 +504,12 @@ class Definition:
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def checked_seed(self, seed: int | None) -> int:
-        """Check a seed.
+        """Return a seed after checking its range, or the seed of the file.
 
         Parameters
         ----------
         seed : int or None
-            None: the seed of the file.
+            The seed of the file is returned if None.
 
         Returns
         -------
@@ -510,16 +523,18 @@ class Definition:
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:
-        """Count cases in which the inertia of a body breaks the triangle inequality.
+        """Count cases in which the inertia tensor of a body is positive but breaks the triangle
+        inequality, so that no solid body can have it. Only bodies with dispersed inertia count.
 
         Parameters
         ----------
         inputs : ndarray, shape (n, d)
-            Dispersed inputs in the units of the campaign file.
+            Dispersed inputs of n cases, in the units of the campaign file.
 
         Returns
         -------
         int
+            Number of such cases.
         """
         index = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         is_broken = np.zeros(len(inputs), dtype=bool)
@@ -545,8 +560,9 @@ class Definition:
 
 
 def _as_written(value: Any) -> Any:
-    """A tree of TOML values in the order of a resolved campaign file: values, arrays of tables,
-    tables. Values and tables keep their order; arrays of tables are sorted by key."""
+    """Return a tree of TOML values with the keys of each table in the order of a resolved campaign
+    file: first plain values, then arrays of tables, then tables. Plain values and tables keep their
+    order; arrays of tables are sorted by key."""
     if isinstance(value, list):
         return [_as_written(item) for item in value]
     if not isinstance(value, dict):

@@ -1,7 +1,8 @@
-"""Box of designs: a campaign in which the varied parameters are dispersed over their ranges.
+"""Box of designs: a campaign in which the design variables are dispersed over their ranges.
 
-Kernel and steps are made for the box. Numbers that follow from a design, and are no inputs, are
-linear in it, or the box is refused.
+A design is a value for each design variable. One kernel and one selection of steps serve the whole
+box. Kernel parameters that follow from a design but are no inputs must be linear in the variables;
+otherwise the box is refused.
 """
 
 import copy
@@ -44,11 +45,11 @@ class DesignVariable:
     Attributes
     ----------
     key : str
-        As given: a TOML path, with its unit.
+        TOML path with its unit, as given; ``*`` stands for any name.
     low, high : float
-        Ends of its range, in that unit.
+        Ends of the range, in that unit.
     parameters : tuple of Parameter
-        Several if the key has wildcards.
+        All parameters that the key names; several only if it has wildcards.
     """
 
     key: str
@@ -57,13 +58,13 @@ class DesignVariable:
     parameters: tuple[Parameter, ...]
 
     def at(self, share: float) -> float:
-        """Value at a fraction of the range: 0 is ``low``, 1 is ``high``."""
+        """Return the value at ``share``, a fraction of the range: 0 gives ``low``, 1 ``high``."""
         return (1.0 - share) * self.low + share * self.high
 
 
 def design_variables(campaign: Definition, vary: Any) -> tuple[DesignVariable, ...]:
-    """Design variables, one for each entry of ``vary``: ranges (low, high) by TOML path, which may
-    have wildcards.
+    """Return the design variables of a campaign, one for each entry of ``vary``, a dict of ranges
+    (low, high) by TOML path, which may have wildcards.
 
     Raises
     ------
@@ -89,7 +90,8 @@ def design_variables(campaign: Definition, vary: Any) -> tuple[DesignVariable, .
 
 
 def _range(key: str, ends: Any) -> tuple[float, float]:
-    """Lowest and highest value of the range ``ends`` of a path ``key``. Raises InputError."""
+    """Return the range ``ends`` of a path ``key`` as (low, high). Raises InputError unless it is
+    two finite numbers, the lower one first."""
     try:
         low, high = (float(end) for end in ends)
     except (TypeError, ValueError):
@@ -101,7 +103,8 @@ def _range(key: str, ends: Any) -> tuple[float, float]:
 
 
 def _parameters(campaign: Definition, key: str) -> Iterator[Parameter]:
-    """Parameters that a path with wildcards names. Raises InputError."""
+    """Yield the parameters that a TOML path, which may have wildcards, names. Raises InputError if
+    there are none."""
     try:
         yield from named_parameters(campaign.file.tree, campaign.scene, key)
     except UnknownPath as error:
@@ -110,10 +113,10 @@ def _parameters(campaign: Definition, key: str) -> Iterator[Parameter]:
 
 @dataclass(frozen=True)
 class DerivedNumber:
-    """Number of the parameter vector that follows from a design.
+    """Element of the kernel's parameter vector that is no input but depends linearly on a design.
 
-    ``index`` is its index there; ``start`` its value at the low end of all variables, ``slopes``
-    its changes from the low to the high end of each variable, SI.
+    ``index`` is its index in the vector. In SI, ``start`` is its value with all variables at their
+    low ends, and ``slopes`` has, for each variable, the change from its low to its high end.
     """
 
     index: int
@@ -121,12 +124,14 @@ class DerivedNumber:
     slopes: tuple[float, ...]
 
     def at(self, shares: Sequence[float]) -> float:
-        """Value (SI) at fractions of the ranges of the design variables."""
+        """Return the value (SI) for a design given as ``shares``, for each variable the fraction of
+        its range: 0 at the low end, 1 at the high end."""
         return self.start + sum(s * t for s, t in zip(self.slopes, shares, strict=True))
 
 
 class DesignBox(Definition):
-    """Campaign in which the varied parameters are dispersed uniformly over all their values.
+    """Campaign in which the varied parameters are dispersed uniformly over all values that they
+    have in the designs of the box.
 
     Attributes
     ----------
@@ -134,6 +139,7 @@ class DesignBox(Definition):
     ends : tuple of Definition
         The campaign with all variables at their low ends, at their high ends, and half way.
     derived : tuple of DerivedNumber
+        Kernel parameters that are no inputs but follow from the design.
     """
 
     variables: tuple[DesignVariable, ...]
@@ -142,8 +148,8 @@ class DesignBox(Definition):
 
     @classmethod
     def of(cls, campaign: Any, vary: Any) -> "DesignBox":
-        """Box of a campaign, for ranges ``vary`` as in `design_variables`. Raises InputError or
-        SceneError if the designs cannot share a kernel."""
+        """Make the box of a campaign for the ranges ``vary``, as in `design_variables`. Raises
+        InputError or SceneError if a design is not valid or the designs cannot share a kernel."""
         variables = design_variables(campaign, vary)
         low, high, middle = (
             campaign.with_settings({v.key: v.at(share) for v in variables})
@@ -173,12 +179,14 @@ class DesignBox(Definition):
         return box
 
     def layout_of(self, definition: Definition) -> ParameterLayout:
-        """Layout of the parameter vector, with the nominal values of a design."""
+        """Return the parameter vector of the box, with the nominal values of a campaign, such as
+        one of `ends`."""
         return make_parameter_layout(definition.scene, self.dispersed)
 
     @cached_property
     def variable_of_column(self) -> dict[int, int]:
-        """Index of the design variable, by the index of each input column that it gives."""
+        """Index of the design variable that varies an input column, by the index of the column;
+        other columns are left out."""
         columns = {d.parameter.path: k for k, d in enumerate(self.file.dispersions)}
         return {
             columns[parameter.path]: i
@@ -188,15 +196,15 @@ class DesignBox(Definition):
 
     @cached_property
     def slots_with_derived(self) -> np.ndarray:
-        """Indices of the inputs, then of the derived numbers, in the parameter vector."""
+        """Indices, in the parameter vector of the kernel, of the inputs, then of `derived`."""
         return np.append(self.slots, np.array([d.index for d in self.derived], dtype=np.int64))
 
     def check_designs(self, designs: np.ndarray) -> np.ndarray:
         """Return designs (m, variables), in the units of the variables, unchanged. Raises
-        InputError if one is outside the box."""
+        InputError if the shape is wrong or a design is outside the box."""
         if designs.ndim != 2 or not len(designs) or designs.shape[1] != len(self.variables):
             keys = ", ".join(v.key for v in self.variables)
-            raise InputError(f"design: needs {len(self.variables)} values, of {keys}")
+            raise InputError(f"design: needs {len(self.variables)} values, in this order: {keys}")
         for k, v in enumerate(self.variables):
             outside = ~((v.low <= designs[:, k]) & (designs[:, k] <= v.high))
             if outside.any():
@@ -206,22 +214,25 @@ class DesignBox(Definition):
         return designs
 
     def values_of(self, design: Any) -> list[Any]:
-        """Values of a design, given by key or in order, in the order of the variables. Raises
-        InputError if a key is missing or not varied."""
+        """Return the values of a design, which is a dict by key or already in order, in the order
+        of the variables. Raises InputError if a key is missing or not varied."""
         if not isinstance(design, Mapping):
             return list(np.atleast_1d(design))
         keys = [v.key for v in self.variables]
         for key in design:
             if key not in keys:
-                raise InputError(f"design, {key}: is not varied; {nearest(str(key), keys)}")
+                raise InputError(
+                    f"design, {key}: is not varied in this session; {nearest(str(key), keys)}"
+                )
         if missing := [key for key in keys if key not in design]:
             raise InputError(f"design: needs a value of {', '.join(missing)}")
         return [design[key] for key in keys]
 
 
 def _extent(low: Dispersion, high: Dispersion) -> list[float]:
-    """Lowest and highest value of a dispersed parameter whose nominal is varied, in the unit of its
-    key; ``low`` and ``high`` are its distributions at the ends of the design variable."""
+    """Return the lowest and highest value, in the unit of its key, of a dispersed parameter whose
+    nominal is varied: the 0.1 and 99.9 % quantiles of ``low`` and ``high``, its distributions at
+    the ends of the design variable."""
     u = np.array([_TAIL, 0.5, 1.0 - _TAIL])
     values = np.concatenate([quantile(low, u), quantile(high, u)])
     values = values[low.allowed(values)] if low.has_tails else values
@@ -229,9 +240,9 @@ def _extent(low: Dispersion, high: Dispersion) -> list[float]:
 
 
 def _check_signs(box: DesignBox) -> None:
-    """Raise InputError if a joint opens to the other side than in the nominal scene anywhere in the
-    box, or if the box has too many corners to try: the distance along the axis of the joint is
-    linear in each variable, so its extremes are at corners."""
+    """Raise InputError if somewhere in the box a joint opens to the other side along its axis than
+    in the nominal scene (`separation_sign` differs), or if the box has too many corners to try.
+    Corners suffice: the distance along the axis is linear in each variable."""
     variables = [
         v
         for v in box.variables
@@ -254,7 +265,7 @@ def _check_signs(box: DesignBox) -> None:
             if separation_sign(scene, joint) != sign:
                 raise InputError(
                     f"vary: joint.{joint} would open to the other side than in the nominal scene "
-                    "at some of these designs; choose ranges on one side of it"
+                    "in some designs of these ranges; choose ranges that keep it on one side"
                 )
 
 
@@ -282,10 +293,11 @@ def _check_distributions(box: DesignBox) -> None:
 
 
 def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Iterator[DerivedNumber]:
-    """Numbers other than inputs that follow from a design; ``single`` are the layouts with one
-    variable at its high end.
+    """Yield the kernel parameters that are no inputs but change with the design; ``single`` has,
+    for each variable, the layout with it at its high end and the others at their low ends.
 
-    Raises InputError if a design changes what all cases share, or a number in no linear way.
+    Raises InputError if the designs change what all cases share, such as tables, or if such a
+    parameter is not linear in the variables.
     """
     low, high, middle = map(box.layout_of, box.ends)
     if not all(_have_one_model(box.layout, layout) for layout in (low, high, middle, *single)):
@@ -307,19 +319,21 @@ def _derived_numbers(box: DesignBox, single: Sequence[ParameterLayout]) -> Itera
             size = max(abs(start), abs(value), *map(abs, slopes))
             if not abs(value - expected) <= LEVEL * size:
                 raise InputError(
-                    "vary: a number that is computed from these parameters is not linear in them; "
-                    "run each design with Campaign.with_settings"
+                    "vary: the kernel needs a number that is computed from these parameters but is "
+                    "not linear in them; run each design with Campaign.with_settings"
                 )
         yield number
 
 
 def _equal(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Mask of equal numbers; NaN, a number that is not set, equals NaN."""
+    """Return the mask of equal elements of two arrays; NaN, which marks an unset number, equals
+    NaN."""
     return np.asarray((a == b) | (np.isnan(a) & np.isnan(b)))
 
 
 def _have_one_model(a: ParameterLayout, b: ParameterLayout) -> bool:
-    """Return True if two layouts have the same structure and the same common numbers."""
+    """Return True if two layouts have the same structure, and the same tables and numbers that all
+    cases share."""
     return (
         a.slots == b.slots
         and a.contents == b.contents

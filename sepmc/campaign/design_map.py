@@ -24,14 +24,16 @@ class DesignMap:
     axes : tuple of MapAxis
         One or two.
     table : DataFrame
-        A row per design, the first axis varying fastest: `DesignTable.summary`, the number of
-        ``cases``, and of each requirement the 95 % interval of the probability of a violation,
-        ``NAME_low`` and ``NAME_high`` (Clopper and Pearson; missing outcomes count as both).
+        A row per design, the first axis varying fastest: the columns of `DesignTable.summary`, the
+        number of ``cases``, and of each requirement the 95 % interval of the probability of a
+        violation, ``NAME_low`` and ``NAME_high`` (Clopper and Pearson). Cases without the outcome
+        count as violations in ``NAME_high`` only.
     looks : tuple of int
-        Numbers of cases, rising: of every design, and of those that were open with fewer.
+        Planned numbers of cases of a design, rising: every design is run with the first number,
+        and with each further one while the verdict on a requirement is neither pass nor fail.
     seed : int
     timing : dict of str to float
-        Seconds of `DesignTable.timing`, and of text, compile and steps.
+        Elapsed seconds by stage, as `DesignTable.timing`, over all looks.
     """
 
     axes: tuple[MapAxis, ...]
@@ -42,13 +44,14 @@ class DesignMap:
 
     @property
     def cases_text(self) -> str:
-        """Cases of a design: "1,000 cases each", or "1,000 to 8,000 cases each"."""
+        """Text on the number of cases of a design: "1,000 cases each", or "1,000 to 8,000 cases
+        each"."""
         first, last = self.looks[0], int(self.table["cases"].max())
         return f"{first:,} cases each" if first == last else f"{first:,} to {last:,} cases each"
 
     def grid(self, column: str) -> np.ndarray:
-        """Column of the table on the grid, shape (count of y, count of x); (1, count of x) with
-        one axis."""
+        """Return a column of the table as an array over the grid, shape (count of y, count of x);
+        (1, count of x) with one axis."""
         return self.table[column].to_numpy().reshape(-1, self.axes[0].count)
 
 
@@ -64,9 +67,9 @@ def map_designs(
 ) -> DesignMap:
     """Judge the requirements of a campaign at every point of a grid.
 
-    Designs at which a requirement is neither shown nor refuted get twice as many cases, and again,
-    up to ``max_cases``. Each of these looks is at the same cases and more, at a confidence raised
-    for the number of looks.
+    A design at which a requirement is neither shown nor refuted is run again with twice as many
+    cases, repeatedly up to ``max_cases``. Each of these looks has the cases of the one before and
+    more. Its confidence is raised for the number of looks.
 
     Parameters
     ----------
@@ -74,13 +77,14 @@ def map_designs(
     axes : sequence of MapAxis
         One or two.
     cases, seed : int, optional
-        Of every design, on common random numbers; of the file if None.
+        Cases in the first look at every design, and their seed, one for all designs; those of the
+        file if None.
     threads, announce
         As for `Campaign.session`.
     progress : callable (done, total), optional
-        Called with numbers of cases; the total grows with each look.
+        Called with the number of cases run so far, and of all; the total grows with each look.
     max_cases : int, optional
-        Of a design; ``cases`` if None.
+        Maximum number of cases of a design; ``cases`` if None.
 
     Returns
     -------
@@ -89,11 +93,12 @@ def map_designs(
     Raises
     ------
     InputError
-        If the file has no requirement, its cases are not random, or there can be no session.
+        If the campaign has no requirement, its cases are not random, both axes vary the same key,
+        or the designs cannot share a kernel.
     """
     requirements = judged_requirements(campaign)
     if len({axis.key for axis in axes}) < len(axes):
-        raise InputError(f"{axes[0].key}: both axes vary it; give the second one another variable")
+        raise InputError(f"{axes[0].key}: is varied by both axes; give the second another variable")
     cases = campaign.scene.run.cases if cases is None else cases
     looks = look_sizes(cases, max_cases)
     if len(looks) > 1:
@@ -141,8 +146,8 @@ def map_designs(
 
 
 def look_sizes(cases: int, max_cases: int | None) -> tuple[int, ...]:
-    """Numbers of cases of a design: ``cases``, and twice as many each time, up to ``max_cases``.
-    Raises InputError."""
+    """Return the numbers of cases of a design, look by look: ``cases``, then twice as many each
+    time, up to ``max_cases``; only ``cases`` if it is None. Raises InputError if it is smaller."""
     if max_cases is None:
         return (cases,)
     if max_cases < cases:

@@ -1,8 +1,13 @@
 """Search for the accepted design with the smallest cost, on common random numbers.
 
-A design is accepted if each requirement holds in so many of its cases that a fresh run is likely to
-show it (`accepted_violations`). One variable: a grid, a closer look where designs are nearly
-accepted, and the border of the accepted designs. Several: a Sobol sequence, then COBYLA of scipy.
+A design is accepted if each requirement is satisfied in so many of its cases that a run with
+another seed is likely to show it (`accepted_violations`). With one design variable the search runs
+a grid, more designs where some are nearly accepted, and the border of the accepted designs; with
+several a Sobol sequence, then COBYLA of scipy.
+
+Several costs are combined to one number by a `Goal`. The margin of a design is not negative if it
+is accepted. Tables of designs have a row per design: values by TOML path, the costs
+(`cost_names`), and ``margin``.
 """
 
 import math
@@ -29,7 +34,7 @@ VERDICT_CASES = 4  # times the cases of the search
 TOLERANCE = 1e-4  # of the range of a variable
 _LIKELY = 0.95  # probability that the run for the verdict shows a design at the edge
 _GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the border, at most
-# closer looks, at peaks of the margin, designs between neighbours
+# one variable: closer looks at the grid, peaks of the margin in each, and designs around a peak
 _ZOOMS, _PEAKS, _CLOSER = 3, 3, 9
 _FINE = 2001  # costs between two neighbours of a point of the grid
 _STEPS = 40  # several variables: designs for each, at most, after the first ones
@@ -37,10 +42,10 @@ _STEPS = 40  # several variables: designs for each, at most, after the first one
 
 @dataclass(frozen=True)
 class Goal:
-    """Cost of a search, from the costs of a design.
+    """Number that a search minimises, made of the n costs of a design.
 
-    The value is the largest of ``weights * (costs - low)``, where a weight is not 0, and the sum of
-    ``shares * costs``. Each is a number for each cost.
+    It is the sum of ``shares * costs`` plus, over the costs whose weight is not 0, the largest of
+    ``weights * (costs - low)``. Each attribute has shape (n,), an element per cost.
     """
 
     shares: np.ndarray
@@ -49,17 +54,18 @@ class Goal:
 
     @classmethod
     def weighted(cls, shares: Sequence[float]) -> "Goal":
-        """The weighted sum of costs alone."""
+        """Return the goal that is only the sum of ``shares * costs``."""
         none = np.zeros(len(shares))
         return cls(np.asarray(shares, dtype=float), none, none)
 
     def terms(self, costs: np.ndarray) -> np.ndarray:
-        """Terms (m, k) of which the largest counts, of costs (m, n); k may be 0."""
+        """Return the terms ``weights * (costs - low)``, shape (m, k), of m designs with costs
+        (m, n), for the k weights that are not 0; k may be 0."""
         used = self.weights != 0.0
         return np.asarray(self.weights[used] * (costs[:, used] - self.low[used]))
 
     def of(self, costs: np.ndarray) -> np.ndarray:
-        """Values (m,) of costs (m, n)."""
+        """Return the values (m,) of the goal for m designs with costs (m, n)."""
         terms = self.terms(costs)
         largest = terms.max(axis=1) if terms.shape[1] else 0.0
         return np.asarray(largest + costs @ self.shares)
@@ -68,19 +74,22 @@ class Goal:
 def accepted_violations(
     item: Requirement, cases: int, fraction: float = 1.0, tries: int = MAX_TRIES
 ) -> int:
-    """Largest number of violations in the search with which a design is accepted.
+    """Return the largest number of violations of a requirement with which the search accepts a
+    design.
 
-    With a true probability of violation of that number over ``cases``, the run for the verdict
-    shows the requirement with a probability of `_LIKELY` at least.
+    If the true probability of a violation is that number over ``cases``, the verdict run (with
+    another seed, and `VERDICT_CASES` times as many cases) shows the requirement with a probability
+    of at least `_LIKELY`.
 
     Parameters
     ----------
     item : Requirement
     cases : int
+        Cases of a design in the search.
     fraction : float
-        Of the number.
+        Factor on the number, to search with a larger margin; the result is rounded down.
     tries : int
-        Runs for verdicts, for which the confidence is raised.
+        Number of verdict runs, for which the confidence of each is raised.
 
     Returns
     -------
@@ -97,7 +106,14 @@ def accepted_violations(
 
 
 class DesignSearch:
-    """Search for accepted designs; all designs that it has run serve each goal."""
+    """Searches the ranges of the variables for the accepted design with the smallest cost.
+
+    A design is accepted if no requirement has more violations than `accepted_violations`, times a
+    ``fraction`` that the methods take. Designs that were run for one goal are reused for the next.
+    ``costs`` are formulas of the variables, ``items`` the requirements, ``cases`` and ``seed``
+    those of every design, and ``tries`` the number of verdict runs, for which confidences are
+    raised.
+    """
 
     def __init__(
         self,
@@ -118,8 +134,12 @@ class DesignSearch:
         self._searched: dict[float, list[pd.DataFrame]] = {}  # by fraction of violations
 
     def optimum(self, goal: Goal, fraction: float) -> tuple[dict[str, float], pd.DataFrame]:
-        """Accepted design with the smallest value of a goal, and all designs of the search.
-        ``fraction`` of the accepted violations is accepted. Raises InputError if none is."""
+        """Search for the accepted design with the smallest value of a goal.
+
+        Returns the design, values by TOML path, and the table of all designs that were run with
+        this ``fraction``, a factor on the number of accepted violations. Raises InputError if no
+        design is accepted.
+        """
         run = self._runner(fraction)
         first, refine = (
             (self._first_of_one, self._by_root)
@@ -134,14 +154,16 @@ class DesignSearch:
         if accepted.empty:
             nearest_one = design_text(self._design(searched, searched["margin"].idxmax()))
             raise InputError(
-                "no design of the ranges passes all requirements with the margin that a fresh run "
-                f"needs; the nearest is {nearest_one}"
+                "no design of the ranges passes all requirements with the margin that a run with "
+                f"another seed needs; the nearest is {nearest_one}"
             )
         best = int(goal.of(accepted[self.names].to_numpy(float)).argmin())
         return self._design(accepted, accepted.index[best]), searched
 
     def spread_of_costs(self, fraction: float) -> np.ndarray:
-        """Range (n,) of each cost over the first designs."""
+        """Return the spread (n,) of each of the n costs, largest minus smallest, over the designs
+        run so far with this ``fraction`` of the accepted violations; 1 for a constant cost. Without
+        any, the first designs are run."""
         if not self._searched.get(fraction):
             run = self._runner(fraction)
             (self._first_of_one if len(self.variables) == 1 else self._first_of_several)(run)
@@ -150,12 +172,13 @@ class DesignSearch:
 
     @property
     def searched(self) -> pd.DataFrame:
-        """Designs of all searches."""
+        """Table of all designs run so far: values by TOML path, costs, and ``margin``."""
         frames = [frame for each in self._searched.values() for frame in each]
         return pd.concat(frames, ignore_index=True)
 
     def costs(self, designs: np.ndarray) -> np.ndarray:
-        """Costs (m, n) of designs (m, variables). Raises InputError."""
+        """Return the n costs (m, n) of m designs (m, variables), which are in the units of the
+        keys. Raises InputError if a cost is not finite."""
         named = {one.name: x for one, x in zip(self.variables, designs.T, strict=True)}
         costs = np.empty((len(designs), len(self.cost_trees)))
         for k, tree in enumerate(self.cost_trees):
@@ -164,11 +187,14 @@ class DesignSearch:
         if not finite.all():
             values = designs[np.argmin(finite)]
             design = {one.key: value for one, value in zip(self.variables, values, strict=True)}
-            raise InputError(f"minimise: has no value at {design_text(design)}; use where(...)")
+            raise InputError(
+                f"minimise: has no value at {design_text(design)}; avoid it by where(...)"
+            )
         return costs
 
     def _runner(self, fraction: float) -> Run:
-        """Function that runs designs and keeps them."""
+        """Return a function that runs designs (m, variables), stores their table among those of
+        this ``fraction`` of the accepted violations, and returns the table."""
         frames = self._searched.setdefault(fraction, [])
         allowed = [
             accepted_violations(item, self.cases, fraction, self.tries) for item in self.items
@@ -181,15 +207,19 @@ class DesignSearch:
         return run
 
     def _table(self, fraction: float) -> pd.DataFrame:
-        """All designs run with a fraction of the violations."""
+        """Return the table of all designs run with this ``fraction`` of the accepted violations."""
         return pd.concat(self._searched[fraction], ignore_index=True)
 
     def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:
+        """Return the values of the variables, by TOML path, in the row of a table with this index
+        label."""
         values = table.loc[row].to_dict()
         return {one.key: float(values[one.key]) for one in self.variables}
 
     def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
-        """Costs and margin of designs (m, variables)."""
+        """Run designs (m, variables), and return their table: values by TOML path, costs, and the
+        smallest ``margin`` over the requirements. ``allowed`` is the number of accepted violations
+        of each requirement."""
         columns = list(dict.fromkeys(self.metrics))
         table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
         frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
@@ -203,9 +233,14 @@ class DesignSearch:
     def _margin(
         self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Margin (m,) of each design to a requirement: that of its case of rank ``most``, from the
-        worst; of the violation of any other requirement, by the smallest margin of each case.
-        Cases without the outcome are worse than all others."""
+        """Return the margin (m,) of each design to a requirement: negative if more than ``most``
+        cases violate it.
+
+        It is the scaled margin of the worst case that remains without the ``most`` worst cases. For
+        a requirement on a violation of any other one, the margin of a case is the smallest over the
+        others. Where cases have no numeric margin (a status, or yes or no), it is ``most`` minus
+        the number of violations, divided by a hundredth of the cases.
+        """
         if item.metric == VIOLATION:
             judged = [one for one in self.items if one.metric != VIOLATION]
         else:
@@ -217,8 +252,9 @@ class DesignSearch:
         return np.asarray((most - violates.sum(axis=1)) / max(1.0, 0.01 * self.cases))
 
     def _scaled_margins(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Margins (m, cases) to the bounds of an outcome, in the standard deviation of those first
-        seen; minus infinity without the outcome."""
+        """Return the margins (m, cases) of cases to the nearer bound of a requirement, negative
+        beyond it; minus infinity for a case without the outcome. They are divided by the standard
+        deviation that they had in the first call for this requirement."""
         values = margins(columns[item.metric], item)
         known = (columns["status"] == Status.OK) & ~np.isnan(values)
         values = np.where(known, values, -np.inf)
@@ -229,8 +265,8 @@ class DesignSearch:
         return np.asarray(values / self.scales[item.name])
 
     def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Mask (m, cases) of the cases that violate a requirement on a status, a yes-or-no outcome
-        or any violation; cases without a result count as violations, as in a verdict."""
+        """Return the mask (m, cases) of the cases that violate a requirement. Cases without a
+        result count as violations, as in a verdict."""
         status = columns["status"]
         if item.metric == VIOLATION:
             others = [one for one in self.items if one.metric != VIOLATION]
@@ -241,9 +277,9 @@ class DesignSearch:
         return np.asarray(status != Status.OK)  # one with another status shows nothing
 
     def _first_of_one(self, run: Run) -> None:
-        """Run a grid of one variable, then designs between the neighbours of peaks of the margin at
-        which no design is accepted: an accepted range may lie there that is narrower than the
-        grid."""
+        """Run a grid of one variable; then run more designs around each peak of the margin that is
+        still negative, between its neighbours: a range of accepted designs that is narrower than
+        the grid may lie there."""
         (variable,) = self.variables
         frames = [run(np.linspace(variable.low, variable.high, _GRID)[:, None])]
         for _ in range(_ZOOMS):
@@ -261,10 +297,12 @@ class DesignSearch:
             frames.append(run(np.setdiff1d(closer.ravel(), x)[:, None]))
 
     def _by_root(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
-        """Search one variable: the cheapest design between the neighbours of the cheapest accepted
-        one; if it is not accepted, the border of the accepted designs before it.
+        """Refine the search of one variable from the cheapest accepted design in ``table``.
 
-        The border is found by the Illinois method, and by bisection where that converges slowly."""
+        Run the cheapest design between its two neighbours. If that one is not accepted, find the
+        border of the accepted designs between both, by the Illinois method, and by bisection where
+        that converges slowly. Results are stored by ``run``; without an accepted design nothing is
+        done."""
         (variable,) = self.variables
         table = table.drop_duplicates(variable.key).sort_values(variable.key)
         x, margin = (table[name].to_numpy(float) for name in (variable.key, "margin"))
@@ -300,8 +338,8 @@ class DesignSearch:
                 inside, outside = (inside[0], 0.5 * inside[1]), (middle, value)
 
     def _first_of_several(self, run: Run) -> None:
-        """Run a Sobol sequence of 8 designs for each variable, or some more, and two corners of the
-        ranges."""
+        """Run the first designs for several variables: a Sobol sequence of at least 8 per variable
+        (a power of two), and the designs with all variables at their low and at their high ends."""
         from scipy.stats.qmc import Sobol  # noqa: PLC0415
 
         count = len(self.variables)
@@ -312,13 +350,14 @@ class DesignSearch:
 
     @property
     def _ranges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Low end and width (variables,) of the ranges."""
+        """Low ends and widths of the ranges, each (variables,)."""
         low = np.array([one.low for one in self.variables])
         return low, np.array([one.high for one in self.variables]) - low
 
     def _by_steps(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
-        """Search several variables by COBYLA of scipy, from the cheapest accepted design (or the
-        nearest to be accepted). The largest of several terms is a variable of its own."""
+        """Refine the search of several variables by COBYLA of scipy, from the cheapest accepted
+        design in ``table``, or the one with the largest margin if none is accepted. Results are
+        stored by ``run``. The largest of the terms of a goal is an additional variable."""
         from scipy.optimize import minimize  # noqa: PLC0415
 
         low, span = self._ranges
@@ -361,10 +400,10 @@ class DesignSearch:
 
 
 def cost_names(count: int) -> list[str]:
-    """Columns of the costs of a search."""
+    """Return the names of the table columns of ``count`` costs: cost, or cost_1, cost_2, ..."""
     return ["cost"] if count == 1 else [f"cost_{k + 1}" for k in range(count)]
 
 
 def design_text(design: Mapping[str, float]) -> str:
-    """Values of a design in words."""
+    """Return a design (values by TOML path) as text: ``KEY = VALUE, KEY = VALUE``."""
     return ", ".join(f"{key} = {value:.6g}" for key, value in design.items())

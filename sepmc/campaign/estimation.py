@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
 
 CASES = 1000  # of a posterior sample
-INTERVAL = 0.9  # credible
+INTERVAL = 0.9  # probability of credible intervals
 CORRELATED = 0.7  # posterior correlation that is reported
 UNINFORMED = 0.9  # ratio of standard deviations above which the flight says little
 _MIXED = 0.25  # effective cases, of all, below which standard errors more than double
@@ -46,35 +46,43 @@ _NUMERICAL = 0.1  # change of the standardised residuals together by the numeric
 
 @dataclass(frozen=True, repr=False)
 class Estimation:
-    """Posterior of a campaign and its measurements.
+    """Result of a parameter estimation: the posterior of a campaign, given its measurements.
 
     Attributes
     ----------
     table : DataFrame
         A row for each dispersed parameter and estimated delay: ``parameter`` (key), ``unit``;
         ``prior_mean``, ``prior_std``, ``prior_low``, ``prior_high``, and ``mean``, ``std``,
-        ``low``, ``high`` of the posterior, with the ends of the 90 % interval; ``std_ratio``,
-        posterior over prior (NaN of a constant); ``effective_cases``, number of independent cases
-        whose mean would be as certain.
+        ``low``, ``high`` of the posterior, where low and high are the ends of the 90 % interval;
+        ``std_ratio``, posterior over prior (NaN of a constant); ``effective_cases``, number of
+        independent cases whose mean would be as certain.
     correlations : list of (str, str, float)
-        Pairs of parameters with strongly correlated posterior scores.
+        Pairs of parameters with strongly correlated posterior: two names, and the correlation of
+        their normal scores.
     inputs : DataFrame
         Sample of the posterior, a row per case: inputs by column, in the units of the file.
     sample : PosteriorSample
+        The same sample as normal scores, with the diagnostics of the sampler.
     check : ModelCheck
-        Whether the model explains the measurements.
+        Tests whether the model explains the measurements.
     channels : list of MeasuredChannel
+        Measured samples that were used.
     curves : DataFrame
-        Long form, a row per sample: ``measurement`` (number), ``column``, ``time_s``, ``measured``,
-        ``sigma``, 5, 50 and 95 % of the cases of prior and posterior (``prior_low``,
-        ``prior_median``, ...), and ``residual``, measured minus posterior mean.
+        Long form, a row per measured sample: ``measurement`` (number), ``column``, ``time_s``,
+        ``measured``, ``sigma``; 5, 50 and 95 % of the cases of prior and posterior (``prior_low``,
+        ``prior_median``, ...); and ``residual``, measured minus posterior mean.
     log_evidence : float
         Natural logarithm of the density of the measurements under the campaign.
     impossible : float
-        Fraction of the prior without a history at the times of all samples.
-    understood, notes : list of str
+        Fraction of the cases of the prior that have no value at some sample of a channel, averaged
+        over the channels.
+    understood : list of str
+        Sentences on how each channel was interpreted.
+    notes : list of str
+        Notes for the user on possible errors of the estimate.
     seed : int
     model : Model
+        Model of the measurements.
     """
 
     table: pd.DataFrame
@@ -100,14 +108,14 @@ class Estimation:
         )
 
     def _repr_html_(self) -> str:
-        """Notes and table of the parameters, the best known first, for notebooks."""
+        """HTML for notebooks: notes, and the table of the parameters, the best known first."""
         table = self.table.set_index("parameter").sort_values("std_ratio", kind="stable")
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         return f"<p>{escape(repr(self))}</p>{notes}{table.to_html(float_format='{:.6g}'.format)}"
 
     def density_at(self, scores: np.ndarray) -> float:
-        """Logarithm of the posterior density at scores (d,) of parameters and delays, but for the
-        constant that `sample` leaves out too."""
+        """Return the logarithm of the posterior density of normal scores (d,) of parameters and
+        delays, except for an unknown constant."""
         residuals = self.model.residuals(scores[None])[0]
         return float(-0.5 * (residuals**2).sum() - 0.5 * (scores**2).sum())
 
@@ -126,14 +134,16 @@ def estimate(
     ----------
     campaign : Campaign
     cases : int
-        Of the sample of the posterior.
+        Number of cases of the sample of the posterior.
     seed : int, optional
-        Of the file if None.
+        That of the file if None.
     threads : int, optional
+        As for `Campaign.run`.
     announce : callable (text), optional
         Called with messages.
     report : callable (temperature, sweeps), optional
-        Called with the progress of the sampler.
+        Called with the progress of the sampler: the power of the likelihood, 0 (prior) to 1
+        (posterior), and the number of moves so far.
 
     Returns
     -------
@@ -142,7 +152,8 @@ def estimate(
     Raises
     ------
     InputError
-        If there are no measurements or distributions, or no case comes near the measurements.
+        If there are no measurements or distributions, the number of cases is out of range, or no
+        case comes near the measurements.
     """
     check_threads(threads)
     cases = check_int("cases", cases, _MIN_CASES, _MOST_CASES)
@@ -194,14 +205,18 @@ def estimate(
 
 
 class Model:
-    """Predictions of the measurements of a campaign at normal scores: those of its dispersed
-    parameters, then those of the clocks with estimated delays.
+    """Model of the measurements of a campaign: predicts them at standard-normal scores.
+
+    Scores have shape (n, dimensions): a row per case, with a score for each dispersed parameter,
+    then one for each clock, a telemetry file whose delay is estimated.
 
     Parameters
     ----------
     campaign : Campaign
     threads : int, optional
+        Number of threads; all cores if None.
     announce : callable (text), optional
+        Called with messages, such as on the compilation of a kernel.
     """
 
     def __init__(
@@ -210,7 +225,7 @@ class Model:
         file = campaign.file
         if not file.measurements:
             raise InputError(
-                f"{campaign.name}: has no measurement: give [[measurement]] column, file, sigma"
+                f"{campaign.name}: has no measurement: give [[measurement]] column, file and sigma"
             )
         if not file.dispersions:
             raise InputError(
@@ -219,8 +234,8 @@ class Model:
             )
         if file.input_table is not None:
             raise InputError(
-                f"run.samples = {file.input_table.path.name}: a table has no density to estimate "
-                "with; give [dispersion] distributions, and no run.samples"
+                f"run.samples = {file.input_table.path.name}: a sample table has no density to "
+                "estimate with; remove run.samples, and give [dispersion] distributions"
             )
         self.campaign, self.notes = campaign, list[str]()
         self.channels, self.understood = read_measurements(campaign)
@@ -245,11 +260,13 @@ class Model:
 
     @property
     def _is_sized(self) -> bool:
-        """True if the sampler of the file can sample no fewer cases."""
+        """True if the cases of the file's sampler depend on their total number."""
         return self.campaign.scene.run.sampler in sampling.SIZE_DEPENDENT
 
     def _drop_undefined(self, trials: np.ndarray) -> None:
-        """Leave out samples at which no trial case has a value, such as angles in still air."""
+        """Remove from the channels, with a note, the samples at which none of the cases with inputs
+        ``trials`` (n, d) has a value, such as angles in still air. Raises InputError if fewer than
+        two samples of a channel remain."""
         histories = self.histories(trials)
         for k, channel in enumerate(self.channels):
             values = histories[:, self.columns.index(channel.column)]
@@ -258,7 +275,7 @@ class Model:
                 count = int(np.count_nonzero(~known))
                 self.notes.append(
                     f"{channel.column}: {count} samples of {channel.file} are left out: no case "
-                    "has a value then"
+                    "has a value at their times"
                 )
                 if np.count_nonzero(known) < 2:
                     raise InputError(
@@ -268,14 +285,15 @@ class Model:
                 self.channels[k] = channel.only(known)
 
     def inputs(self, scores: np.ndarray) -> np.ndarray:
-        """Inputs (n, d) in the units of the file."""
+        """Return the inputs (n, d), in the units of the file, at scores (n, dimensions)."""
         file = self.campaign.file
         own = scores[:, : len(file.dispersions)]
         return sampling.inputs_at_scores(file.dispersions, own, file.copulas)
 
     @property
     def coordinates(self) -> Coordinates:
-        """Inputs as functions of their scores, which histories are nearly quadratic in."""
+        """Each input as a function of its score: coordinates for the sampler, in which histories
+        are nearly quadratic. Correlated inputs and delays keep their scores."""
         knots = Coordinates.knots()
         values = np.tile(knots[:, None], self.dimensions)
         values[:, : len(self.campaign.file.dispersions)] = self.inputs(values)
@@ -284,14 +302,16 @@ class Model:
         return Coordinates(values)
 
     def _delay_of(self, channel: MeasuredChannel, scores: np.ndarray) -> np.ndarray | None:
-        """Deviations (n,) of a delay from that of the file, s; None if it is known."""
+        """Return the deviations (n,) of the delay of a channel from its nominal value, s, at scores
+        (n, dimensions); None if the delay is not estimated."""
         if channel.delay_sigma == 0.0:
             return None
         clock = len(self.campaign.file.dispersions) + self.clocks.index(channel.file)
         return np.asarray(channel.delay_sigma * scores[:, clock])
 
     def predictions(self, scores: np.ndarray) -> list[np.ndarray]:
-        """Predictions (n, m) of each channel in units of sigma, NaN where a case has no value."""
+        """Return the predictions at scores (n, dimensions): for each channel an array (n, m) with
+        its m samples, in units of sigma, NaN where a case has no value."""
         histories = self.histories(self.inputs(scores))
         return [
             at_samples(
@@ -305,18 +325,20 @@ class Model:
         ]
 
     def residuals(self, scores: np.ndarray) -> np.ndarray:
-        """Residuals (n, m) of all channels in sigma; NaN where a case has no value."""
+        """Return the residuals at scores (n, dimensions), measured minus predicted, in units of
+        sigma: shape (n, m), m samples of all channels; NaN where a case has no value."""
         predictions = zip(self.channels, self.predictions(scores), strict=True)
         return np.concatenate([c.values / c.sigma - values for c, values in predictions], axis=1)
 
     @property
     def log_scale(self) -> float:
-        """Log likelihood of residuals of 0."""
+        """Logarithm of the likelihood that the measurements would have with all residuals 0."""
         sigmas = np.concatenate([channel.sigma for channel in self.channels])
         return -float(np.log(sigmas * math.sqrt(2.0 * math.pi)).sum())
 
     def table(self, scores: np.ndarray, random: np.random.Generator) -> pd.DataFrame:
-        """Table of `Estimation`."""
+        """Return `Estimation.table`, without ``effective_cases``, of a posterior sample ``scores``
+        (n, dimensions). ``random`` samples the prior."""
         before = random.standard_normal((_PRIOR, self.dimensions))
         prior, posterior = (np.hstack([self.inputs(s), self._delays(s)]) for s in (before, scores))
         units = [column.unit for column in self.campaign.input_columns]
@@ -338,15 +360,15 @@ class Model:
 
     @property
     def _names(self) -> list[str]:
-        """Keys of the parameters, and names of the delays."""
+        """Names of the dimensions: keys of the parameters, then ``delay of FILE``."""
         keys = [one.parameter.key for one in self.campaign.file.dispersions]
         short = [Path(name).name for name in self.clocks]
         clocks = short if len(set(short)) == len(short) else self.clocks
         return keys + [f"delay of {name}" for name in clocks]
 
     def _delays(self, scores: np.ndarray) -> np.ndarray:
-        """Delays (n, clocks) at normal scores (n, dimensions), s. A clock is a file with estimated
-        delay; if its measurements have several nominal delays, that of the first one counts."""
+        """Return the delays (n, clocks), s, at scores (n, dimensions). A clock is a file with
+        estimated delay; if its measurements have several nominal delays, the first one counts."""
         delays = np.empty((len(scores), len(self.clocks)))
         for k, name in enumerate(self.clocks):
             channel = next(one for one in self.channels if one.file == name)
@@ -355,8 +377,8 @@ class Model:
         return delays
 
     def correlations(self, scores: np.ndarray) -> list[tuple[str, str, float]]:
-        """Strong correlations of the posterior, the strongest first: names of two parameters or
-        delays, and the correlation of their normal ``scores`` (n, dimensions)."""
+        """Return the strong correlations of a posterior sample ``scores`` (n, dimensions), the
+        strongest first: names of two parameters or delays, and the correlation of their scores."""
         spread = scores.std(axis=0) > 0.0
         with np.errstate(invalid="ignore", divide="ignore"):
             matrix = np.corrcoef(scores, rowvar=False).reshape(2 * (self.dimensions,))
@@ -371,20 +393,20 @@ class Model:
 
 
 def _tolerance(channel: MeasuredChannel) -> float:
-    """Root mean square of a numerical error that hardly changes the likelihood, in the unit of the
-    column."""
+    """Return the numerical error, root mean square in the unit of the column, that hardly changes
+    the likelihood of a channel."""
     return float(_NUMERICAL * channel.sigma.min() / math.sqrt(len(channel.time)))
 
 
 def _sigma_notes(
     campaign: "Campaign", channels: Sequence[MeasuredChannel], check: ModelCheck
 ) -> list[str]:
-    """Notes on channels whose residuals are much smaller than stated."""
+    """Return a note for each channel whose residuals are much smaller than its stated sigma."""
     return [
         f"{channel.column}: residuals are {test.ratio:.2g} of sigma = {one.sigma:g}, which is far "
-        f"too large: give {test.ratio * one.sigma:.2g} {channel.unit} or less, and parameters are "
-        "better known; of a filtered channel, whose errors are no independent ones, give fewer "
-        "samples instead"
+        f"too large: give a sigma of {test.ratio * one.sigma:.2g} {channel.unit} or less, and "
+        "parameters are better known; of a filtered channel, whose errors are not independent, "
+        "give fewer samples instead"
         for one, channel, test in zip(
             campaign.file.measurements, channels, check.channels, strict=True
         )
@@ -393,13 +415,14 @@ def _sigma_notes(
 
 
 def _mixing_notes(table: pd.DataFrame, cases: int) -> list[str]:
-    """Note on a sampler whose cases depend on each other."""
+    """Return a note if the ``cases`` of the posterior sample depend on each other so much that they
+    are worth few independent ones of some parameter; else an empty list."""
     effective = table.set_index("parameter")["effective_cases"]
     if effective.min() >= _MIXED * cases:
         return []
     return [
-        f"the sampler mixes badly: {cases} cases are worth {effective.min():.0f} independent ones "
-        f"of {effective.idxmin()}; compare the estimates of two seeds, give more cases, or "
+        f"the sampler mixes badly: {cases} cases are worth only {effective.min():.0f} independent "
+        f"ones for {effective.idxmin()}; compare the estimates of two seeds, give more cases, or "
         "disperse fewer parameters that the flight cannot tell from each other"
     ]
 
@@ -407,7 +430,8 @@ def _mixing_notes(table: pd.DataFrame, cases: int) -> list[str]:
 def _curves(
     channels: Sequence[MeasuredChannel], prior: list[np.ndarray], posterior: list[np.ndarray]
 ) -> pd.DataFrame:
-    """Curves of `Estimation`, from predictions in units of sigma."""
+    """Return `Estimation.curves`, from the predictions of ``prior`` and ``posterior`` cases, for
+    each channel an array (cases, samples) in units of sigma."""
     frames = []
     percent = (50.0 - 50.0 * INTERVAL, 50.0, 50.0 + 50.0 * INTERVAL)
     for k, channel in enumerate(channels):

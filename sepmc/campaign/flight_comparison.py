@@ -1,4 +1,5 @@
-"""A run against the telemetry of a flight: channels of a file, histories of cases, comparison."""
+"""Comparison of a run with the telemetry of a flight: reads the channels of the file, and finds the
+histories of the cases that form the envelope."""
 
 import math
 from collections.abc import Mapping
@@ -35,11 +36,13 @@ def compare_with_flight(
     cases: int,
     announce: Log,
 ) -> FlightComparison:
-    """Compare a run with the telemetry of a flight; see `Result.compare_flight`."""
+    """Compare a run with the telemetry of a flight. Parameters, result and errors are those of
+    `Result.compare_flight`; ``mapping`` is its ``map``."""
     if not isinstance(mapping, Mapping):
         example = '{"upper_omega_y_deg_s": "-gyro_z[rad/s]"}'
         raise InputError(
-            f"map = {shorten(mapping)}: must be a dict of channels by column, as {example}"
+            f"map = {shorten(mapping)}: must be a dict of channels of the file by history column, "
+            f"as {example}"
         )
     is_number = isinstance(shift_s, int | float) and not isinstance(shift_s, bool)
     if shift_s is not None and not (is_number and math.isfinite(shift_s)):
@@ -63,12 +66,13 @@ def compare_with_flight(
 def _histories(
     result: "Result", channels: Mapping[str, Channel], cases: int, announce: Log
 ) -> Histories:
-    """Histories of the columns of the channels: the stored ones if the run has these columns,
-    else of the first ``cases`` ok cases, simulated again."""
+    """Return histories of ok cases, and of the nominal case, in the columns that ``channels`` has
+    data of: those stored by the run if it has all these columns, else those of the first ``cases``
+    ok cases, simulated again. Raises InputError if no case is ok."""
     campaign, rows, names = result.campaign, result.table, tuple(channels)
     numbers = np.sort(np.asarray(rows["case"])[ok_rows(rows)])
     if not len(numbers):
-        raise InputError("no case is ok, so there is no envelope")
+        raise InputError("no case of the run has the status ok, so there is no envelope to compare")
     end = campaign.scene.run.end_time
     stored, chosen = _stored_histories(result, names, numbers), numbers[:cases]
     if stored is not None:
@@ -94,8 +98,12 @@ def _histories(
 def _stored_histories(
     result: "Result", names: tuple[str, ...], ok: np.ndarray
 ) -> tuple[np.ndarray, float, np.ndarray] | None:
-    """Numbers, step in s and stored histories (n, c, t) of ok cases; None if the run has not all
-    of these columns."""
+    """Return the stored histories of ok cases: their case numbers (n,), the step of the time grid,
+    s, and the values (n, c, t) of the c columns ``names``.
+
+    ``ok`` are the case numbers with status ok. None if the run stored no histories, not all of
+    these columns, or rows that form no common time grid.
+    """
     if not {c.name for c in result.campaign.stored_history_columns()} >= set(names):
         return None
     if result.folder:

@@ -1,5 +1,5 @@
-"""Campaigns for verdicts that are reached in several steps: with some of the requirements, and with
-a raised confidence."""
+"""Requirements and runs for analyses that end with a verdict after several runs: a choice of
+requirements, checks of them, and confidences raised for the number of runs."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 
 def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
-    """Settings with the confidence of each requirement raised for a number of looks; see
-    `sepmc.analysis.proportions.raised`."""
+    """Return settings, by TOML path, that raise the confidence of each requirement so that
+    ``looks`` verdicts on it together are wrong no more often than one verdict at its present
+    confidence; see `sepmc.analysis.proportions.raised`."""
     return {
         f"requirement.{item.name}.confidence": raised(item.confidence, looks)
         for item in campaign.file.requirements
@@ -26,7 +27,8 @@ def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
 
 
 def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
-    """Campaign with the named requirements alone; unchanged without names. Raises InputError."""
+    """Return the campaign with only the requirements of the given names, or the campaign itself if
+    there are no names. Raises InputError for an unknown name."""
     if not names:
         return campaign
     check_subject_to(names, campaign.file.requirements)
@@ -38,7 +40,8 @@ def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
 
 
 def judged_requirements(campaign: "Campaign") -> tuple[Requirement, ...]:
-    """Requirements of a campaign, whose cases are random. Raises InputError."""
+    """Return the requirements of a campaign. Raises InputError if it has none, or its sampler is
+    not random, which verdicts need."""
     if not campaign.file.requirements:
         raise InputError(f"{campaign.name}: has no requirement to judge by: give [[requirement]]")
     if (sampler := campaign.scene.run.sampler) != "random":
@@ -49,11 +52,14 @@ def judged_requirements(campaign: "Campaign") -> tuple[Requirement, ...]:
 
 
 def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement, ...]:
-    """Requirements of a campaign, which so many random cases of different seeds can show. Raises
-    InputError."""
+    """Return the requirements of a campaign. Raises InputError if it has none, its sampler is not
+    random, another seed would give the same cases (``run.samples``), or ``cases`` without a
+    violation are too few to show a requirement."""
     items = judged_requirements(campaign)
     if campaign.scene.run.samples is not None:
-        raise InputError("run.samples: gives the run for the verdict the cases of the search")
+        raise InputError(
+            "run.samples: gives the run for the verdict the cases of the search; remove this key"
+        )
     for item in items:
         needed = required_cases(0, item.probability, item.confidence)
         if cases < needed:
@@ -72,8 +78,9 @@ def fresh_verdict(
     threads: int | None,
     announce: Log | None,
 ) -> tuple[bool, pd.DataFrame]:
-    """True if a run with other values shows all requirements, and its verdicts. Their confidence is
-    raised for a number of such tries."""
+    """Run a campaign with some ``settings`` and a seed that was not used before; return True if its
+    verdicts on all requirements are pass, and the table of verdicts (`Result.requirements`). Their
+    confidence is raised for ``tries`` such runs."""
     settings = settings | raised_confidence(campaign, tries)
     run = campaign.with_settings(settings).run(cases, seed, threads, announce=announce)
     verdicts = run.requirements()

@@ -1,4 +1,4 @@
-"""Title of a run: campaign, cases, seed, sampler and settings, to distinguish figures of runs."""
+"""Titles of runs and cases for figures: campaign, cases, seed, sampler and settings."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +11,8 @@ _IN_TITLE = ("run.cases", "run.seed", "run.sampler")  # settings that titles nam
 
 
 def of_run(manifest: Mapping[str, Any]) -> str:
-    """Title of a run from its manifest: a line, and a second one with the settings."""
+    """Return the title of a run from its manifest: campaign, number of cases, seed and, unless it
+    is random, sampler; a second line has the settings, if any."""
     text = f"{manifest['campaign']}, {manifest['cases']:,} cases, seed {manifest['seed']}"
     sampler = manifest.get("sampler", _DEFAULT_SAMPLER)
     if sampler != _DEFAULT_SAMPLER:
@@ -20,15 +21,15 @@ def of_run(manifest: Mapping[str, Any]) -> str:
 
 
 def of_case(campaign: str, number: int | None, settings: Mapping[str, str]) -> str:
-    """Title of one case, or of the nominal case if ``number`` is None; a second line has the
-    settings by TOML path."""
+    """Return the title of one case, or of the nominal case if ``number`` is None; a second line has
+    the ``settings`` (texts by TOML path), if any."""
     which = "nominal case" if number is None else f"case {number}"
     return f"{campaign}, {which}{of_settings(settings)}"
 
 
 def of_settings(settings: Mapping[str, str]) -> str:
-    """Line on settings by TOML path, with a leading line break; empty without settings besides
-    number of cases, seed and sampler."""
+    """Return a line break and a line with the settings (texts by TOML path) that titles do not show
+    already: all but ``run.cases``, ``run.seed`` and ``run.sampler``. Empty if there are none."""
     texts = [f"{path} = {text}" for path, text in settings.items() if path not in _IN_TITLE]
     n_more = len(texts) - _MAX_SETTINGS
     if n_more > 0:
@@ -37,8 +38,8 @@ def of_settings(settings: Mapping[str, str]) -> str:
 
 
 def as_text(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Texts of settings by TOML path, for titles, cut to a maximum length: of a sample table its
-    file name, of others the value."""
+    """Return the values of settings as text for titles, by TOML path, cut to 48 characters. Of a
+    sample table (``run.samples``) only the file name is shown."""
     shown = {}
     for path, value in settings.items():
         text = Path(value).name if path == "run.samples" else str(value)

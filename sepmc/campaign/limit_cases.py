@@ -2,12 +2,16 @@
 nominal, and the combination of ends found worst for each requirement.
 
 The ends are those of the distribution; a normal one ends at 3 sigma (0.135 and 99.865 %) or at its
-truncation, whichever is nearer. An angle that varies by more than a quarter turn is also simulated
-between its ends. Combinations take each input at its low end, nominal or high end, and such angles
-between. A combination is sought by changing one input at a time, always that with the largest loss
-of margin, from some starts: each input at its worst end by itself, the worst of some random
-corners, and the nominal case. Others may be worse. Correlations are not considered: ends may be
-together that hardly ever occur so.
+truncation, whichever is nearer. A wide angle, one that varies by more than a quarter turn, is also
+simulated at 7 values between its ends. A combination has each input at its low end, nominal value
+or high end, a wide angle also at a value between. It is searched for by changing one input at a
+time, always the one with the largest loss of margin, from several starts: each input at the end
+that is worst by itself, the worst of some random corners, and the nominal case. Combinations that
+the search misses may be worse. Correlations are ignored: a combination may be one that hardly ever
+occurs.
+
+A level is an integer that stands for a value of an input: -1 its low end, 0 nominal, 1 its high
+end, 2 to 8 values between the ends of a wide angle. Levels (d,) of all d inputs make a case.
 """
 
 import math
@@ -51,13 +55,13 @@ class LimitCases:
     Attributes
     ----------
     table : DataFrame
-        A row per case: ``case``, ``limit`` (its name), ``low`` and ``high`` (keys of the inputs at
-        these ends), ``between`` (angles between their ends), the inputs by column, ``status``, and
-        of each requirement ``NAME`` (met, violated or no outcome), ``NAME_outcome`` and
-        ``NAME_margin`` (negative if violated; NaN for a requirement on a status). It is a table for
-        ``run.samples``.
+        A row per case: ``case``, ``limit`` (name of the limit case), ``low`` and ``high`` (keys of
+        the inputs at these ends), ``between`` (angles between their ends), the inputs by column,
+        ``status``, and of each requirement ``NAME`` (met, violated or no outcome), ``NAME_outcome``
+        and ``NAME_margin`` (negative if violated; NaN for a requirement on a status). The table can
+        be used as ``run.samples``.
     requirements : tuple of Requirement
-        Those that the table judges.
+        Requirements that the table judges: all but those on a violation of any other one.
     """
 
     table: pd.DataFrame
@@ -65,7 +69,8 @@ class LimitCases:
 
 
 def limit_ends(dispersion: Dispersion) -> tuple[float, float]:
-    """Low and high end of a dispersed input, in the unit of its key."""
+    """Return the low and the high end of a dispersed input, in the unit of its key: 3 sigma or the
+    truncation, if nearer, for a normal distribution, else its smallest and largest value."""
     numbers = dispersion.numbers
     if dispersion.distribution == "normal":
         mean, sigma, cut = numbers
@@ -79,14 +84,15 @@ def limit_ends(dispersion: Dispersion) -> tuple[float, float]:
 def limit_cases(
     campaign: "Campaign", threads: int | None = None, announce: Log | None = None
 ) -> LimitCases:
-    """Simulate the limit cases of a campaign.
+    """Simulate the limit cases of a campaign, and judge them by its requirements.
 
     Parameters
     ----------
     campaign : Campaign
     threads : int, optional
+        Number of threads; all cores if None.
     announce : callable (text), optional
-        Called with messages.
+        Called with messages, such as on the compilation of a kernel.
 
     Returns
     -------
@@ -95,14 +101,20 @@ def limit_cases(
     Raises
     ------
     InputError
-        If the campaign has no requirement or no input that varies.
+        If the campaign has no requirement (other than on a violation of any other one), or no
+        input that varies.
     """
     items = tuple(item for item in campaign.file.requirements if item.metric != VIOLATION)
     if not items:
-        raise InputError(f"{campaign.name}: limit cases are judged: give [[requirement]]")
+        raise InputError(
+            f"{campaign.name}: limit cases are judged by requirements: give [[requirement]]"
+        )
     search = _LimitSearch(campaign, items, check_threads(threads), announce)
     if not search.varied:
-        raise InputError(f"{campaign.name}: no input has two ends: give [dispersion]")
+        raise InputError(
+            f"{campaign.name}: no input has two ends, low and high: give [dispersion] a "
+            "distribution with a width"
+        )
     names = [NOMINAL, *(search.text(level, k) for k in search.varied for level in search.ends(k))]
     levels = np.vstack([search.nominal, search.single])
     worst = [search.worst(item) for item in items]
@@ -111,7 +123,11 @@ def limit_cases(
 
 
 class _LimitSearch:
-    """Simulates inputs at their ends, each combination once."""
+    """Simulates and judges cases, each combination of levels once.
+
+    A case is given by a level for each of the d dispersed inputs: -1 its low end, 0 nominal, 1 its
+    high end, 2 to 8 values between the ends of a wide angle.
+    """
 
     def __init__(
         self,
@@ -131,7 +147,7 @@ class _LimitSearch:
         )
         outside = (nominal < ends[:, 0]) | (nominal > ends[:, 1])
         middle = np.where(outside, ends.mean(axis=1), nominal)
-        # by level + 1; not all levels are used
+        # values of each input: level k is in column k + 1
         between = np.linspace(ends[:, 0], ends[:, 1], _BETWEEN + 2, axis=1)[:, 1:-1]
         self.values = np.column_stack([ends[:, 0], middle, ends[:, 1], between])
         self.varied = [k for k, (low, high) in enumerate(ends) if low < high]
@@ -146,41 +162,46 @@ class _LimitSearch:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Levels (d,) of the nominal case."""
+        """Levels (d,) of the nominal case: 0 for every input."""
         return np.zeros(len(self.values), dtype=int)
 
     @cached_property
     def single(self) -> np.ndarray:
-        """Levels (n, d) with one input at a time at each of its `ends`."""
+        """Levels (n, d) of the n cases in which one input is at one of its `ends`, and all others
+        are at 0, nominal."""
         rows = [self._changed(self.nominal, k, to) for k in self.varied for to in self.ends(k)]
         return np.array(rows)
 
     def ends(self, k: int) -> tuple[int, ...]:
-        """Levels of an input besides its nominal value."""
+        """Return the levels of input ``k`` other than 0, nominal: -1 and 1, its low and high end;
+        for a wide angle also 2 to 8, values between the ends."""
         parameter = self.campaign.file.dispersions[k].parameter
         width = (self.values[k, 2] - self.values[k, 0]) * parameter.factor
         is_wide = parameter.unit in UNITS["angle"] and width > _WIDE_ANGLE
         return (-1, 1, *range(2, 2 + _BETWEEN)) if is_wide else (-1, 1)
 
     def text(self, level: int, k: int) -> str:
-        """Input at a level, in words."""
+        """Return text for input ``k`` at a level: its key, then "low" (-1), "high" (1), or
+        ``= VALUE``."""
         key = self.campaign.file.dispersions[k].parameter.key
         words = {-1: "low", 1: "high"}
         return f"{key} {words.get(level) or f'= {self.values[k, level + 1]:.6g}'}"
 
     @staticmethod
     def _changed(levels: np.ndarray, k: int, to: int) -> np.ndarray:
-        """Levels (d,) with another level of one input."""
+        """Return a copy of levels (d,) in which input ``k`` has level ``to``."""
         changed = levels.copy()
         changed[k] = to
         return changed
 
     def inputs(self, levels: np.ndarray) -> np.ndarray:
-        """Inputs (n, d) at levels (n, d) of -1, 0, 1, in the units of their keys."""
+        """Return the values of the inputs (n, d), in the units of their keys, of n cases given by
+        levels (n, d): -1 low end, 0 nominal, 1 high end, 2 to 8 between the ends."""
         return self.values[np.arange(len(self.values)), levels + 1]
 
     def run(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Status (n,) and outcomes (n, o), in their units, of levels (n, d)."""
+        """Return status (n,) and outcomes (n, o), in their units, of the cases with levels (n, d).
+        Only cases that were not simulated before are simulated."""
         keys = [row.tobytes() for row in levels]
         new = {key: row for key, row in zip(keys, levels, strict=True) if key not in self.results}
         if new:
@@ -197,8 +218,11 @@ class _LimitSearch:
     def judge(
         self, item: Requirement, status: np.ndarray, outcomes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Outcome, margin and score (n,) of a requirement. A score is negative if it is violated,
-        and minus infinity without the outcome."""
+        """Judge cases by a requirement; ``status`` (n,) and ``outcomes`` (n, o) are those of `run`.
+
+        Returns outcome, margin and score, each (n,). Outcome and margin are NaN for a requirement
+        on a status. The score is negative in a violating case, and minus infinity without a result.
+        """
         is_ok = status == Status.OK
         if item.metric not in self.columns:
             violates = status == STATUS_LABELS.index(item.metric)
@@ -210,7 +234,8 @@ class _LimitSearch:
         return values, margin, np.where(np.isnan(margin), -math.inf, margin)
 
     def worst(self, item: Requirement) -> np.ndarray:
-        """Levels (d,) of the worst combination found for a requirement."""
+        """Search for the combination of levels that is worst for a requirement, the one with the
+        lowest score of `judge`; return its levels (d,)."""
 
         def score(levels: np.ndarray) -> np.ndarray:
             return self.judge(item, *self.run(levels))[2]
@@ -230,7 +255,8 @@ class _LimitSearch:
         return np.asarray(combinations[score(combinations).argmin()])
 
     def _descend(self, levels: np.ndarray, score: Score) -> np.ndarray:
-        """Change one input at a time while that lowers the score."""
+        """From a case with levels (d,), change the level of one input at a time, always the change
+        that lowers the score most, until none does; return the levels (d,) reached."""
         lowest = score(levels[None])[0]
         for _ in range(_ROUNDS):
             near = [
@@ -246,7 +272,7 @@ class _LimitSearch:
         return levels
 
     def table(self, names: list[str], levels: np.ndarray) -> pd.DataFrame:
-        """`LimitCases.table` of named levels (n, d)."""
+        """Return `LimitCases.table` for n cases: their names, and their levels (n, d)."""
         dispersions = self.campaign.file.dispersions
         keys = np.array([one.parameter.key for one in dispersions], dtype=object)
         status, outcomes = self.run(levels)

@@ -1,5 +1,5 @@
-"""Measurements of a campaign: reading of their files, and histories at the times of their
-samples."""
+"""Measurements of a campaign: samples read from telemetry files, and simulated histories
+interpolated at the times of these samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,24 +21,27 @@ _DELAYS = 4.0  # standard deviations of a delay that the samples used allow for
 
 @dataclass(frozen=True)
 class MeasuredChannel:
-    """Samples of a measurement within the run.
+    """The m samples of one measurement that lie within the run.
 
     Attributes
     ----------
     column, unit : str
+        History column that was measured, and its unit.
     time : ndarray, shape (m,)
-        Of the run, at the delay of the file, s.
+        Times of the run, s, at the nominal delay.
     values, sigma : ndarray, shape (m,)
-        In the unit of the column.
+        Measured values and their standard deviations, in the unit of the column.
     file : str
+        Telemetry file, as given in the campaign.
     delay, delay_sigma : float
-        s.
+        Nominal value and standard deviation, s, of the delay: the time of the file's clock at
+        time 0 of the run. It is known if ``delay_sigma`` is 0, else estimated.
     left_out : int
-        Samples of the file outside the run.
+        Number of samples of the file outside the run.
     averaged : int
-        Samples in each group that a value is the mean of.
+        Number of samples of the file of which each value is the mean.
     wraps : bool
-        True of an angle within one turn, which counts up to full turns.
+        True for an angle that stays within one turn: it is compared modulo 360 deg.
     """
 
     column: str
@@ -54,12 +57,12 @@ class MeasuredChannel:
     wraps: bool
 
     def only(self, kept: np.ndarray) -> "MeasuredChannel":
-        """The channel with some of its samples (m,)."""
+        """Return the channel with only the samples for which the mask ``kept`` (m,) is True."""
         return replace(self, time=self.time[kept], values=self.values[kept], sigma=self.sigma[kept])
 
 
 def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list[str]]:
-    """Read the measurements of a campaign.
+    """Read the telemetry of all measurements of a campaign.
 
     Parameters
     ----------
@@ -67,14 +70,15 @@ def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list
 
     Returns
     -------
-    list of MeasuredChannel
-    list of str
-        What was understood.
+    channels : list of MeasuredChannel
+        One for each measurement, in the order of the file.
+    understood : list of str
+        Sentences for the user on how each channel was interpreted.
 
     Raises
     ------
     InputError
-        If a file cannot be read, or has no samples within the run.
+        If a file cannot be read, or has fewer than two samples within the run.
     """
     columns = schema.history_columns(campaign.layout.contents)
     names, units = [c.name for c in columns], {c.name: c.unit for c in columns}
@@ -92,8 +96,8 @@ def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list
         own = _within(one, units[one.column], *series[one.column], campaign.scene.run.end_time)
         if len(own.time) < 2:
             raise InputError(
-                f"{key_path}: {one.file} has {len(own.time)} samples within the run, at a delay of "
-                f"{one.delay:.14g} s; give delay_s, the time of the file at time 0 of the run"
+                f"{key_path}: {one.file} has {len(own.time)} samples within the run with delay_s = "
+                f"{one.delay:.14g}: set delay_s, the time of the file at time 0 of the run"
             )
         channels.append(own)
         understood += sentences
@@ -102,14 +106,19 @@ def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list
         if own.wraps:
             understood[-1] += "; an angle, up to full turns"
         if own.averaged > 1:
-            understood[-1] += f"; means of {own.averaged} each"
+            understood[-1] += f"; means of {own.averaged} samples each"
     return channels, understood
 
 
 def _within(
     one: Measurement, unit: str, time: np.ndarray, values: np.ndarray, end: float
 ) -> MeasuredChannel:
-    """Samples of a file that lie within the run at every delay that is probable."""
+    """Make the channel of a measurement from the samples of its file.
+
+    ``time`` (k,) is of the file's clock, s; ``values`` (k,) are in ``unit``; ``end`` is the end of
+    the run, s. Samples are used that lie within the run at every probable delay (4 sigma); more
+    than 1,000 are averaged in groups.
+    """
     time, margin = time - one.delay, _DELAYS * one.delay_sigma
     inside = (time >= margin - 1e-9 * end) & (time <= end - margin + 1e-9 * end)
     left_out, time, values = int(np.count_nonzero(~inside)), time[inside], values[inside]
@@ -141,18 +150,19 @@ def _within(
 
 
 def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray:
-    """Times (t,) of the rows of histories: those of the samples if these are known and not too
-    many, else evenly spaced.
+    """Choose the times at which cases are simulated: those of the samples if all delays are known
+    and the samples are not too many, else evenly spaced ones.
 
     Parameters
     ----------
     channels : sequence of MeasuredChannel
     end : float
-        Of the run, s.
+        End of the run, s.
 
     Returns
     -------
     ndarray, shape (t,)
+        Times, s, rising.
     """
     times = np.unique(np.concatenate([channel.time for channel in channels]))
     margin = _DELAYS * max(channel.delay_sigma for channel in channels)
@@ -165,22 +175,24 @@ def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray
 def at_samples(
     values: np.ndarray, times: np.ndarray, channel: MeasuredChannel, delays: np.ndarray | None
 ) -> np.ndarray:
-    """Histories at the times of the samples of a channel, linear between their rows. Angles that
-    wrap are within half a turn of the measured ones.
+    """Interpolate the histories of n cases linearly at the times of the samples of a channel.
 
     Parameters
     ----------
     values : ndarray, shape (n, t)
+        Histories of the column of the channel.
     times : ndarray, shape (t,)
-        Of the rows, s.
+        Times of the history rows, s.
     channel : MeasuredChannel
         With m samples.
     delays : ndarray, shape (n,) or None
-        Subtracted from the times, s.
+        Deviation of the delay of the file from its nominal value in each case, s; it is subtracted
+        from the times of the samples. None for 0.
 
     Returns
     -------
     ndarray, shape (n, m)
+        Angles that wrap get full turns so that they are within half a turn of the measured ones.
     """
     samples = channel.time
     if delays is None:
@@ -202,7 +214,7 @@ def at_samples(
 
 
 def _nearest_turn(angles: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Angles plus full turns, within half a turn of others, deg."""
+    """Return angles, deg, plus the full turns that bring each within half a turn of ``others``."""
     return np.asarray(angles + _TURN * np.round((others - angles) / _TURN))
 
 

@@ -1,4 +1,4 @@
-"""Result of a run: rows, histories, statistics, verdicts, and input sensitivities."""
+"""Result of a run: case rows, histories, statistics, verdicts, and input sensitivities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -42,35 +42,36 @@ from sepmc.schema import NOT_OK_LABELS, is_yes_or_no
 
 @dataclass(repr=False)
 class Result:
-    """Result of a run.
+    """Result of a run: its case rows, and the statistics and verdicts that follow from them.
 
     Attributes
     ----------
     campaign : Campaign
+        The campaign that was run.
     kept : RunOutput
-        Statistics, and rows in memory or read from the folder on demand.
+        Statistics, and case rows in memory or read from the folder on demand.
     timing : dict of str to float
-        Seconds of the stages text (of the kernel), compile, steps (their selection), sample,
-        kernel and write. Writing overlaps the kernel, so the
-        sum can exceed the elapsed time.
+        Elapsed seconds by stage: text (of the kernel), compile, steps (their selection), sample,
+        kernel and write. Writing overlaps the kernel, so the sum can exceed the elapsed time.
     seed : int
     numbers : CaseSelection
         Cases of the run.
     total : int
-        Number of cases of the sample.
+        Number of cases of the whole sample, on which some samplers depend.
     folder : Path or None
+        Run folder; None if the run is in memory.
     notes : list of str
         Notes for the user, such as an accuracy that is not met.
-    integration : Integration
-        Kernel and steps.
-    accuracy : AchievedAccuracy
-        Numerical error.
+    integration : Integration or None
+        Kernel and steps; None for a run read from its folder.
+    accuracy : AchievedAccuracy or None
+        Numerical error, if known.
     resumed : int
-        Cases of the run that was resumed.
+        Number of cases that the folder contained already when the run was resumed.
     stopped : bool
-        More cases failed than allowed.
+        True if the run stopped early because more cases failed than allowed.
     written : RunStatistics or None
-        Statistics in the folder.
+        Statistics as written to the folder; None if the run is in memory.
     """
 
     campaign: Any  # `sepmc.campaign.campaign.Campaign`
@@ -97,7 +98,7 @@ class Result:
         )
 
     def _repr_html_(self) -> str:
-        """Status counts, verdicts, statistics and histograms, for notebooks."""
+        """HTML for notebooks: status counts, verdicts, statistics and histograms."""
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
         statistics = self.statistics()
         table = constant_outcomes.with_constant_values(statistics)[columns]
@@ -121,12 +122,12 @@ class Result:
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """Case table by column, read-only.
+        """Case table: arrays by column name, read-only, one element per case.
 
         Raises
         ------
         ValueError
-            If no rows were stored.
+            If the run stored no case rows.
         """
         views = {name: column.view() for name, column in self._rows().items()}
         for view in views.values():
@@ -137,8 +138,8 @@ class Result:
         """Case table, one row per case: case, status, inputs (``in_...``), outcomes and audit
         columns.
 
-        The index is the case number too, so that ``result.case(table[name].idxmin())`` is the case
-        with the smallest value. It has no name, as ``"case"`` would be ambiguous in pandas.
+        The index is the case number as well, so that ``result.case(table[name].idxmin())`` is the
+        case with the smallest value. The index has no name: ``"case"`` would be ambiguous.
 
         Returns
         -------
@@ -152,12 +153,13 @@ class Result:
         return index_by_case(self.table)
 
     def histories(self) -> pd.DataFrame | None:
-        """Separations over time in long form.
+        """Separations over time of all cases, in long form.
 
         Returns
         -------
         DataFrame or None
-            Columns case, time_s and separations; None if ``run.history_step_s`` is 0.
+            A row per case and time: case, time_s and separations; None if no histories were stored
+            (``run.history_step_s`` is 0).
 
         Raises
         ------
@@ -175,15 +177,15 @@ class Result:
         Parameters
         ----------
         *where : str
-            Conditions that selected cases satisfy, such as ``"joint.bolt.fails=1"``; all cases
-            without any.
+            Conditions that a case must satisfy to be counted, such as ``"joint.bolt.fails=1"``.
+            Without conditions all cases count.
 
         Returns
         -------
         DataFrame
             A row per outcome, with the columns of `sepmc.analysis.statistics.statistics`, the
-            numerical ``error`` in the unit of the outcome, and whether it is ``constant``
-            (`sepmc.analysis.constant_outcomes`).
+            numerical ``error`` in the unit of the outcome, and ``constant``, True if the outcome
+            varies by no more than its error (`sepmc.analysis.constant_outcomes`).
         """
         if where:
             rows, outcomes = self._rows(), self.campaign.summary_inputs[0]
@@ -200,8 +202,8 @@ class Result:
             elif not ok_rows(rows)[is_selected].any():
                 reason = "none of them has the status ok, so no statistics exist"
                 warn(
-                    f"{describe_filter(where)}: {is_selected.sum()} of {len(rows['case'])} cases; "
-                    + reason,
+                    f"{describe_filter(where)}: satisfied by {is_selected.sum()} of "
+                    f"{len(rows['case'])} cases; " + reason,
                     RunWarning,
                 )
             selected = {name: rows[name][is_selected] for name in ("case", "status", *outcomes)}
@@ -211,10 +213,11 @@ class Result:
 
     @property
     def _errors(self) -> Mapping[str, float]:
+        """Relative numerical error by outcome; empty if it is not known."""
         return self.accuracy.errors if self.accuracy else {}
 
     def requirements(self) -> pd.DataFrame:
-        """Verdicts on the requirements.
+        """Verdict on each requirement.
 
         Returns
         -------
@@ -231,8 +234,9 @@ class Result:
         Parameters
         ----------
         outcome : str
+            Name of the outcome.
         indices : bool
-            Compute variance-based indices.
+            Compute variance-based indices too.
 
         Returns
         -------
@@ -242,7 +246,8 @@ class Result:
         Raises
         ------
         ValueError
-            If the outcome varies by no more than its numerical error, or rows are not stored.
+            If there is no such outcome, it varies by no more than its numerical error, or the run
+            stored no case rows.
         """
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
@@ -253,7 +258,7 @@ class Result:
         )
 
     def fit(self) -> pd.DataFrame:
-        """Fit distributions to every numeric outcome.
+        """Fit distributions to every outcome that is not yes or no.
 
         Returns
         -------
@@ -266,12 +271,13 @@ class Result:
         return distributions.fit_distributions(self._rows(), numbers, constant)
 
     def causes(self, name: str) -> list[failure_attribution.Attribution]:
-        """Inputs, and pairs of inputs, that separate violating cases from the others.
+        """Find the inputs, and pairs of inputs, whose values distinguish violating cases from the
+        others.
 
         Parameters
         ----------
         name : str
-            Requirement or status.
+            Name of a requirement; or a status other than ok, whose cases then count as violating.
 
         Returns
         -------
@@ -307,17 +313,19 @@ class Result:
         data : str or Path
             Text table, Parquet, MATLAB, MDF or TDMS.
         map : mapping of str to str, optional
-            Channel of the file by column of histories, with a sign, a factor and a unit:
+            Channel of the file by history column, with optional sign, factor and unit:
             ``{"upper_omega_y_deg_s": "-0.5*gyro_z[rad/s]"}``. Default: channels that have the name
             of a column.
         time : str, optional
-            Channel of the time. Default: time, t and such.
+            Name of the channel of time. Default: a channel called time, t or similar.
         shift_s : float, optional
             Time of the flight's clock at time 0 of the run, s. Default: estimated.
         cases : int
-            Cases of the envelope, simulated again unless the run stored these columns.
+            Number of cases of the envelope, which are simulated again unless the run stored these
+            columns over time.
         announce : callable (str), optional
-            Told what was understood and simulated.
+            Called with messages: how each channel was interpreted, and how many cases the envelope
+            has.
 
         Returns
         -------
@@ -343,21 +351,22 @@ class Result:
         return [column.name for column in self.campaign.input_columns]
 
     def case(self, number: int) -> Case:
-        """Resolve a case of the run.
+        """Return a case of the run with the values of all its parameters.
 
         Parameters
         ----------
         number : int
+            Case number.
 
         Returns
         -------
         Case
-            In SI.
+            Its scene is in SI, and has the seed and the number of cases of the run.
 
         Raises
         ------
         ValueError
-            If it is not in the run.
+            If the case was not run.
         """
         number, numbers = check_int("case", number, 0, CASES - 1), self._finished
         if number not in numbers:
@@ -368,7 +377,7 @@ class Result:
 
     @property
     def _finished(self) -> CaseSelection:
-        """Cases run: fewer than requested if too many failed."""
+        """Cases that were run: fewer than requested if the run stopped after too many failures."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:
@@ -387,10 +396,11 @@ class Result:
 
     @property
     def status_counts(self) -> dict[str, int]:
-        """Number of cases by status, without zeros."""
+        """Number of cases by status; a status without cases is left out."""
         return {label: count for label, count in self.kept.summary.counts.items() if count}
 
     def _rows(self) -> Mapping[str, np.ndarray]:
+        """Return the case rows, arrays by column. Raises InputError if the run stored none."""
         if self.kept.rows is None:
             raise InputError(
                 "this run stored statistics only, so it has no rows; run without stats_only, or "

@@ -27,22 +27,22 @@ class RunOptions:
     until : str, optional
         Stopping rule ``METRIC:TOLERANCE``: stop as soon as the half width of the 95 % confidence
         interval of a statistic is at most TOLERANCE, in the unit of the outcome or relative
-        (``1%``). METRIC is an outcome for its mean (``separation_speed_m_s:0.01``), with
-        ``.sigma`` or a percentile such as ``.p99`` for these, or a status for its proportion. A
-        mean or sigma counts as known only after every value with a probability of its own in the
-        file was sampled; see `sepmc.analysis.stopping`.
+        (``1%``). METRIC is the name of an outcome for its mean (``separation_speed_m_s:0.01``), the
+        name with ``.sigma`` or a percentile such as ``.p99`` for that statistic, or a status for
+        its proportion. A mean or sigma counts as known only after every value of a discrete
+        distribution was sampled often enough; see `sepmc.analysis.stopping`.
     keep : str, optional
-        Store statistics of all cases as ``stats_only`` does, and the rows of some cases, with the
-        reason in the column ``kept_as``: ``"failed"``, ``"violating"``, ``"worst:20"`` of each
+        Store statistics of all cases as ``stats_only`` does, and the rows of selected cases, with
+        the reason in the column ``kept_as``: ``"failed"``, ``"violating"``, ``"worst:20"`` of each
         requirement, ``"every:1000"``, ``"all"``, or several separated by commas; see
         `sepmc.campaign.store.row_selection`.
     keep_columns : str, optional
-        Columns of these rows to store, as patterns: ``"in_*,separation_*"``.
+        Columns to store of the rows that ``keep`` selects, as patterns: ``"in_*,separation_*"``.
     float32 : bool
-        Store the numbers of these rows in single precision.
+        Store the numbers of the rows that ``keep`` selects in single precision.
     executor : Executor, optional
-        Worker processes that run the cases into ``out``, from `sepmc.cluster.dask_executor`. Rows
-        and statistics are bit-identical to a run without workers on processors of one kind.
+        Worker processes that run the cases into ``out``, from `sepmc.cluster.dask_executor`. On
+        processors of one kind, rows and statistics are bit-identical to a run without workers.
     max_failures : int, optional
         Stop soon after more than this number of cases failed, cases of a resumed run included.
         Finished cases are stored, and the run can be resumed.
@@ -50,7 +50,7 @@ class RunOptions:
         Number of calibration cases from which steps are selected; 24 corners and 512 sampled cases
         if None.
     progress : callable (done, total, failures), optional
-        Called after each chunk of cases.
+        Called with numbers of cases after each chunk of cases.
     announce : callable (text), optional
         Called with messages about the run, such as the compilation of a kernel. If None, notes on
         the run are issued as `sepmc.RunWarning`.

@@ -1,4 +1,4 @@
-"""Statistics and verdicts of a run, and the files of them in its folder."""
+"""Statistics and verdicts of a run, and the files with them in the run folder."""
 
 import math
 from collections.abc import Mapping
@@ -21,15 +21,17 @@ from sepmc.campaign.store.untrusted import StoreError
 
 @dataclass(frozen=True)
 class RunStatistics:
-    """Statistics of a run and what follows from them.
+    """Statistics, audit and verdicts of a run.
 
     Parameters
     ----------
     summary : TableStatistics or StreamingStatistics
         Source of the statistics.
     table : DataFrame, a row per outcome
-        Statistics with numerical errors, and the reference of the campaign if it has one.
+        Statistics with numerical errors, and the reference values of the campaign if any.
     audit : DataFrame, a row per audit column
+        Worst value, its case, its bound and the number of cases beyond it
+        (`sepmc.analysis.statistics.audit`).
     verdicts : list of Verdict
         One per requirement.
     manifest : mapping
@@ -44,13 +46,13 @@ class RunStatistics:
 
     @property
     def accuracy(self) -> Mapping[str, Any]:
-        """Entry ``accuracy`` of the manifest, on steps and numerical error; empty if there is
-        none."""
+        """Entry ``accuracy`` of the manifest: the steps and the numerical error of the run; empty
+        if the manifest has none."""
         return self.manifest.get("accuracy") or {}
 
     def as_json(self, units: dict[str, str], table: pd.DataFrame | None = None) -> dict[str, Any]:
-        """Content of ``statistics.json``. ``units`` are those of the outcomes, by name; ``table``
-        has some rows of the statistics, if not all are wanted."""
+        """Return the content of ``statistics.json``. ``units`` are those of the outcomes, by name;
+        ``table`` has the rows of the statistics to write, all if None."""
         return result_files.statistics_as_json(
             self.table if table is None else table,
             self.summary.counts,
@@ -63,8 +65,8 @@ class RunStatistics:
 
 
 def numerical_errors(accuracy: Mapping[str, Any]) -> dict[str, float]:
-    """Relative numerical error by outcome, from the accuracy record of a manifest, in which null
-    stands for an infinite error."""
+    """Return the relative numerical error by outcome, from the entry ``accuracy`` of a manifest.
+    None there stands for infinity."""
     errors = accuracy.get("errors", {})
     return {name: math.inf if error is None else error for name, error in errors.items()}
 
@@ -81,11 +83,11 @@ def evaluate(
     ----------
     campaign : Definition
     summary : TableStatistics or StreamingStatistics
-        All cases of the run, or some of them.
+        Summary of all cases of the run, or of some of them.
     manifest : mapping
-        Manifest of the run.
+        Manifest of the run, which gives the numerical errors.
     with_reference : bool
-        Put the reference values of the campaign beside the statistics.
+        Add the reference values of the campaign to the table of statistics.
 
     Returns
     -------
@@ -100,7 +102,7 @@ def evaluate(
 
 
 def read_summary(folder: Path, campaign: Definition) -> TableStatistics | StreamingStatistics:
-    """Summarise the case rows of a run folder.
+    """Summarise the case rows of a run folder, as `evaluate` needs it.
 
     Raises
     ------
@@ -118,8 +120,8 @@ def read_summary(folder: Path, campaign: Definition) -> TableStatistics | Stream
 
 
 def read_run(folder: Path, campaign: Definition) -> RunStatistics:
-    """Statistics, audit and verdicts of a run folder, computed from its case rows. Raises
-    StoreError."""
+    """Compute statistics, audit and verdicts of a run folder from its case rows. Raises StoreError
+    if its manifest or rows cannot be used."""
     manifest = manifests.read_manifest(folder)
     return evaluate(campaign, read_summary(folder, campaign), manifest)
 
@@ -127,8 +129,10 @@ def read_run(folder: Path, campaign: Definition) -> RunStatistics:
 def write(
     folder: Path, campaign: Definition, summary: TableStatistics | StreamingStatistics
 ) -> RunStatistics:
-    """Evaluate a run, and write ``statistics.csv`` and ``statistics.json`` into its folder, and
-    ``histograms.csv`` if it stores statistics instead of the rows of all cases.
+    """Evaluate a run, and write the results into its folder: ``statistics.csv``,
+    ``statistics.json``, and, if the run stores no rows of all cases, ``histograms.csv``.
+
+    Returns the statistics, audit and verdicts written.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Scenarios of a campaign, run one by one with common random numbers and compared."""
+"""Runs of a campaign and of its scenarios, one by one with common random numbers, to compare."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,13 +20,14 @@ Progress = Callable[[str, int, int, int], None]  # scenario, cases done, all of 
 
 @dataclass(frozen=True)
 class ScenarioRuns:
-    """Results of a campaign and its scenarios.
+    """Results of the runs of a campaign and of each of its scenarios.
 
     Attributes
     ----------
     results : dict of str to Result
         By name of the scenario; the campaign itself is the first, ``baseline``.
     titles : dict of str to str
+        Title of each, by the same names.
     """
 
     results: dict[str, Result]
@@ -34,8 +35,9 @@ class ScenarioRuns:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row for each scenario and requirement: ``scenario``, ``title``, counts of cases ``run``
-        and ``ok``, and the fields of `sepmc.analysis.requirements.Verdict`."""
+        """Verdicts of all runs, a row for each scenario and requirement: ``scenario`` and its
+        ``title``, ``run`` and ``ok`` (numbers of cases run, and of those with status ok), and the
+        fields of `sepmc.analysis.requirements.Verdict`."""
         frames = []
         for name, result in self.results.items():
             frame = result.requirements().reset_index()
@@ -66,11 +68,14 @@ def run_scenarios(
     ----------
     campaign : Campaign
     cases, seed, threads : int, optional
-        As for `Campaign.run`, of each.
+        Of each run, as for `Campaign.run`.
     out : path, optional
-        Folder for a run folder of each, named by its scenario.
-    announce, progress : callable, optional
-        Called with messages, and with the name of the scenario and its progress.
+        Folder in which each run gets a run folder with the name of its scenario. If None, runs are
+        in memory.
+    announce : callable (text), optional
+        Called with messages.
+    progress : callable (scenario, done, total, failures), optional
+        Called with the name of the scenario that runs, and its numbers of cases.
     resume : bool
         Run only the cases that the run folders in ``out`` do not contain yet.
 
@@ -87,7 +92,10 @@ def run_scenarios(
     """
     scenarios = campaign.scenarios()
     if not scenarios:
-        raise InputError(f'{campaign.name}: has no scenario: give [[scenario]] name = "...", set')
+        raise InputError(
+            f'{campaign.name}: has no scenario: give [[scenario]] with name = "..." and set = '
+            "{KEY = VALUE}"
+        )
     results = {}
     for name, one in {BASELINE: campaign, **scenarios}.items():
         report = None if progress is None else _of_scenario(progress, name)
@@ -101,5 +109,6 @@ def run_scenarios(
 
 
 def _of_scenario(progress: Progress, name: str) -> Callable[[int, int, int], None]:
-    """Progress of one scenario."""
+    """Return a progress callback (done, total, failures) of one run, which calls ``progress`` with
+    the name of its scenario first."""
     return lambda done, total, failed: progress(name, done, total, failed)

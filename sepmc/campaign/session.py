@@ -1,7 +1,7 @@
-"""Many designs of one campaign: steps are selected once for a box of designs, and the kernel stays
-loaded.
+"""Session: runs many designs of one campaign with one kernel and one selection of steps.
 
-A design gives values to some parameters; all else, the dispersions too, is that of the campaign.
+A design is a value for each of some parameters, the design variables; all else, the dispersions
+too, is as in the campaign. The box is the set of all designs with every variable in its range.
 Designs are compared on common random numbers: case k of every design has the same probabilities.
 """
 
@@ -44,10 +44,12 @@ Values = Mapping[str, float] | Sequence[float] | np.ndarray
 
 @dataclass
 class _Sample:
-    """Inputs of the first cases of a seed.
+    """Sampled inputs of the first n cases of a seed, from which those of any design follow.
 
-    ``base`` (d, n) are SI, by column; ``ends`` by varied and dispersed column: inputs with all
-    variables at their low ends and at their high ends, each (n,), in the unit of the key.
+    ``base`` (d, n): a row per input column of the box, SI, at the low end of all variables; rows of
+    varied parameters without dispersion are 0. ``ends``: for the index of each column that is both
+    varied and dispersed, its inputs at the low and at the high end of all variables, each (n,), in
+    the unit of the key.
     """
 
     base: np.ndarray
@@ -61,15 +63,16 @@ class DesignResult:
     Attributes
     ----------
     values : dict of str to float
-        Design, by key of ``vary``.
+        Values of the design variables, by key of ``vary``.
     inputs : ndarray, shape (n, d)
-        SI, in the order of ``box.input_columns``.
+        Inputs of n cases, SI, in the order of ``box.input_columns``.
     block : Block
         Results of the kernel, SI.
     timing : dict of str to float
-        Seconds: sample, compile (of a fallback kernel), kernel.
+        Elapsed seconds by stage: sample, compile (of a fallback kernel), kernel.
     box : DesignBox
-        Campaign in which the varied parameters are dispersed: columns and requirements.
+        Campaign with the varied parameters as dispersed inputs; it has the columns and the
+        requirements.
     integration : Integration
         Kernel and steps.
     """
@@ -83,8 +86,8 @@ class DesignResult:
 
     @cached_property
     def table(self) -> dict[str, np.ndarray]:
-        """Case table by column: case, status, inputs (the varied parameters too), outcomes and
-        audit columns."""
+        """Case table, arrays (n,) by column name: case, status, inputs (the varied parameters too),
+        outcomes and audit columns."""
         chunk = Chunk(0, self.inputs / self.box.factors, self.block, batch_summary.BatchSummary())
         return case_table(self.box, [chunk]) | {"status": status_labels(self.block.status)}
 
@@ -98,16 +101,17 @@ class DesignResult:
         return pd.DataFrame(self.table)
 
     def column(self, name: str) -> np.ndarray:
-        """Outcome or audit column.
+        """Values of an outcome or audit column, one per case.
 
         Parameters
         ----------
         name : str
+            Name of the column.
 
         Returns
         -------
         ndarray, shape (n,)
-            In its unit (`sepmc.schema.Column`).
+            In the unit of the column (`sepmc.schema.Column`).
 
         Raises
         ------
@@ -124,13 +128,14 @@ class DesignResult:
         return np.asarray(self.block.status == Status.OK)
 
     def verdicts(self) -> pd.DataFrame:
-        """Verdicts on the requirements, in a tenth of the time of `requirements`.
+        """Verdict and counts of each requirement, in a tenth of the time of `requirements`.
 
         Returns
         -------
         DataFrame
-            By name of the requirement: ``verdict``, ``violations`` and ``missing`` (cases without
-            the outcome, which count as violations), as in `sepmc.analysis.requirements.Verdict`.
+            A row per requirement, indexed by its name: ``verdict``, ``violations`` and ``missing``
+            (cases without the outcome, which count as violations), as in
+            `sepmc.analysis.requirements.Verdict`.
         """
         rows = _verdicts(self.box, self.accuracy.errors, self.block)
         columns = ["verdict", "violations", "missing"]
@@ -138,12 +143,12 @@ class DesignResult:
 
     @cached_property
     def accuracy(self) -> AchievedAccuracy:
-        """Numerical error."""
+        """Largest relative numerical error of each outcome over these and the calibration cases."""
         return _accuracy(self.integration, self.block, self.box)
 
     @property
     def notes(self) -> list[str]:
-        """Notes for the user, such as an accuracy that is not met."""
+        """Notes for the user on the numerical error, such as an accuracy that is not met."""
         return accuracy_notes(self.accuracy, self.integration.step is not None)
 
     def statistics(self) -> pd.DataFrame:
@@ -157,7 +162,7 @@ class DesignResult:
         return with_errors(self.box, self.accuracy.errors, table)
 
     def requirements(self) -> pd.DataFrame:
-        """Verdicts on the requirements; see `Result.requirements`.
+        """Verdicts on the requirements with all their fields; see `Result.requirements`.
 
         Returns
         -------
@@ -176,13 +181,15 @@ class DesignTable:
     Attributes
     ----------
     summary : DataFrame
-        A row per design: the values; ``ok``, the number of ok cases; of each requirement its
-        verdict ``NAME``, and the counts ``NAME_violations`` and ``NAME_missing``
-        (`DesignResult.verdicts`); ``error``, the largest numerical error of a case.
+        A row per design: the values of its variables, by key; ``ok``, the number of ok cases; of
+        each requirement its verdict ``NAME``, and the counts ``NAME_violations`` and
+        ``NAME_missing`` (`DesignResult.verdicts`); ``error``, the largest numerical error of an ok
+        case.
     columns : dict of str to ndarray, shape (designs, cases)
-        Requested outcomes, in their units, and ``status`` (`sepmc.schema.Status`).
+        Requested outcomes by name, in their units, and ``status`` (`sepmc.schema.Status`); empty
+        if no outcome was requested.
     timing : dict of str to float
-        Seconds: sample, compile (of a fallback kernel), kernel.
+        Elapsed seconds by stage: sample, compile (of a fallback kernel), kernel.
     """
 
     summary: pd.DataFrame
@@ -191,13 +198,13 @@ class DesignTable:
 
 
 class Session:
-    """Runs designs of a campaign; made by `Campaign.session`.
+    """Runs designs of a campaign with one kernel; made by `Campaign.session`.
 
     Parameters
     ----------
     campaign : Campaign
     vary : dict
-        Ranges of the design variables, by TOML path.
+        Range (low, high) of each design variable, by TOML path.
     threads : int, optional
         Default: all cores.
     announce : callable (text), optional
@@ -207,7 +214,7 @@ class Session:
     ----------
     campaign : Campaign
     box : DesignBox
-        Ranges of the design variables.
+        Design variables with their ranges.
     integration : Integration
         Kernel and steps, for all designs of the box.
     notes : list of str
@@ -236,7 +243,7 @@ class Session:
         return f"<Session of {self.campaign.name}: {ranges}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for another process: without kernels and samples."""
+        """Return the state to pickle for another process; it has no kernels and no samples."""
         without = {"integration": self.integration.packed, "_samples": _no_samples()}
         return {**vars(self), **without}
 
@@ -252,11 +259,12 @@ class Session:
         Parameters
         ----------
         design : mapping of str to float, or sequence of float
-            Values by key of ``vary``, or in its order; in the units of the keys.
+            Values of the design variables by key of ``vary``, or in its order; in the units of the
+            keys.
         cases : int, optional
-            The first cases of the seed; as many as the file has if None.
+            Number of cases; that of the file if None.
         seed : int, optional
-            Of the file if None. Designs with one seed have common random numbers.
+            That of the file if None. Designs with one seed have common random numbers.
 
         Returns
         -------
@@ -287,18 +295,18 @@ class Session:
         columns: Sequence[str] = (),
         progress: Callable[[int, int], None] | None = None,
     ) -> DesignTable:
-        """Run many designs.
+        """Run many designs, each with the same number of cases and the same seed.
 
         Parameters
         ----------
         designs : DataFrame, mapping of str to sequence, or ndarray, shape (m, variables)
-            A row per design, by key of ``vary`` or in its order.
+            A row per design; a column per design variable, by key of ``vary`` or in its order.
         cases, seed : int, optional
-            As for `run`.
+            Of every design, as for `run`.
         columns : sequence of str
-            Outcomes of every case to return: 8 bytes for each design, case and column.
+            Names of the outcomes to return for every case; each takes 8 bytes per design and case.
         progress : callable (done, total), optional
-            Called with numbers of designs.
+            Called with the number of designs run so far, and of all designs.
 
         Returns
         -------
@@ -307,7 +315,7 @@ class Session:
         Raises
         ------
         InputError
-            If a design is outside the box, or there is no such outcome.
+            If a design is outside the box, or an outcome does not exist.
         """
         table = self._designs(designs)
         cases, seed = self._size(cases, seed)
@@ -348,7 +356,7 @@ class Session:
         return DesignTable(summary, kept, timing)
 
     def with_design(self, design: Values) -> Any:
-        """Campaign at a design, to replay a case of it or to run it by itself.
+        """Return the campaign with the values of a design, to replay a case or to run it alone.
 
         Parameters
         ----------
@@ -363,25 +371,27 @@ class Session:
         return self.campaign.with_settings({v.key: float(value) for v, value in pairs})
 
     def _size(self, cases: int | None, seed: int | None) -> tuple[int, int]:
-        """Checked number of cases, and seed."""
+        """Return (cases, seed), checked; those of the file replace None. Raises InputError."""
         cases = self.campaign.scene.run.cases if cases is None else cases
         return check_int("cases", cases, 1, CASES), self.campaign.checked_seed(seed)
 
     def _design(self, design: Values) -> np.ndarray:
-        """Values (variables,) of a design."""
+        """Return the values (variables,) of a design, in the units of the keys. Raises InputError
+        if the design is incomplete or outside the box."""
         return self.box.check_designs(_numbers(self.box.values_of(design))[None])[0]
 
     def _designs(self, designs: Any) -> np.ndarray:
-        """Values (m, variables) of designs."""
+        """Return the values (m, variables) of m designs, in the units of the keys. Raises
+        InputError if one is incomplete or outside the box."""
         if isinstance(designs, pd.DataFrame | Mapping):
             columns = self.box.values_of(dict(designs))
             if len({len(np.atleast_1d(column)) for column in columns}) > 1:
-                raise InputError("designs: columns must be of one length")
+                raise InputError("designs: all columns must have the same number of values")
             designs = np.column_stack([_numbers(column) for column in columns])
         return self.box.check_designs(_numbers(designs))
 
     def _sample(self, cases: int, seed: int) -> _Sample:
-        """Inputs of cases, sampled once for a seed."""
+        """Return the sample of the first ``cases`` cases of a seed; the last samples are cached."""
         key = cases, seed
         sample = self._samples.get(key)
         if sample is None:
@@ -396,7 +406,9 @@ class Session:
         return sample
 
     def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
-        """Write the varied inputs of a design, SI, into rows (d, n) of its cases."""
+        """Write the varied inputs and the derived numbers of a design, SI, into ``rows``, which has
+        a row per input or derived number and a column per case; its other rows stay as they are.
+        ``values`` (variables,) are the design, in the units of its keys."""
         box = self.box
         ranges = [(v.low, v.high - v.low) for v in box.variables]
         shares = [float((x - low) / r) for (low, r), x in zip(ranges, values, strict=True)]
@@ -410,8 +422,8 @@ class Session:
             rows[k] = number.at(shares)
 
     def _for_kernel(self, rows: np.ndarray) -> np.ndarray:
-        """Inputs (d, n), SI, with NaN where a case is invalid, as `Definition.in_si`; ``rows`` if
-        all are valid."""
+        """Return the inputs ``rows`` (d, n), SI, with NaN in invalid cases, which a kernel skips
+        (as `Definition.in_si`): a copy, or ``rows`` itself if all cases are valid."""
         factors, laws = self.box.factors, self.box.ends[0].file.dispersions
         masks = {
             k: ~law.allowed(rows[k] / factors[k]) for k, law in enumerate(laws) if law.has_tails
@@ -426,7 +438,7 @@ class Session:
         return rows
 
     def _integrate(self, rows: np.ndarray, timing: dict[str, float]) -> Block:
-        """Integrate cases with inputs (d, n), SI."""
+        """Integrate n cases of inputs ``rows`` (d, n), SI; add the seconds spent to ``timing``."""
         start, waited = time.perf_counter(), compile_wait_s()
         with using_threads(self._threads):
             block = integrate(self._runs, self.integration, self._for_kernel(rows).T)
@@ -437,19 +449,21 @@ class Session:
 
     @property
     def _runs(self) -> Definition:
-        """The box with the derived numbers as inputs."""
+        """Copy of the box in which the derived numbers are inputs of the kernel too."""
         runs = copy.copy(self.box)
         runs.__dict__["slots"] = self.box.slots_with_derived
         return runs
 
 
 def _accuracy(integration: Integration, block: Block, box: Definition) -> AchievedAccuracy:
-    """Numerical error of the cases of a block."""
+    """Return the largest relative numerical error of each outcome over the cases of a block and
+    the calibration cases."""
     return batch_summary.accuracy(integration, batch_summary.count_errors(box, block))
 
 
 def _position(box: Definition, name: str) -> int:
-    """Index of an outcome or audit column. Raises InputError."""
+    """Return the index of an outcome or audit column in ``box.result_columns``. Raises InputError
+    if there is none of this name."""
     names = [column.name for column in box.result_columns]
     if name not in names:
         raise InputError(f"{name}: no such outcome; {nearest(name, names)}")
@@ -457,12 +471,13 @@ def _position(box: Definition, name: str) -> int:
 
 
 def _no_samples() -> RecentItems[tuple[int, int], _Sample]:
-    """Store of the samples used last, by number of cases and seed."""
+    """Return an empty cache of the four samples used last, by (number of cases, seed)."""
     return RecentItems(4)
 
 
 def _numbers(values: Any) -> np.ndarray:
-    """Array of finite floats. Raises InputError."""
+    """Return values of designs as an array of floats. Raises InputError unless all are finite
+    numbers."""
     try:
         if np.iscomplexobj(values):
             raise TypeError
@@ -477,20 +492,22 @@ def _numbers(values: Any) -> np.ndarray:
 def _verdicts(
     box: Definition, errors: Mapping[str, float], block: Block
 ) -> dict[str, tuple[str, int, int]]:
-    """Verdict on each requirement, with the violations that it counts and the missing outcomes.
+    """Judge each requirement by the cases of one design.
 
     Parameters
     ----------
     box : Definition
+        Campaign with the requirements.
     errors : mapping of str to float
         Relative numerical error by outcome.
     block : Block
-        Cases of one design.
+        Cases of the design.
 
     Returns
     -------
     dict of str to (str, int, int)
-        By name of the requirement: verdict, violations, missing.
+        By name of the requirement: verdict, number of violations, and number of cases without the
+        outcome, which count as violations.
     """
     if not box.file.requirements:
         return {}
@@ -523,13 +540,14 @@ def _verdicts(
 
 
 def _outcomes(box: Definition, block: Block, is_ok: np.ndarray) -> np.ndarray:
-    """Outcomes (n, o) of ok cases in the units of their columns."""
+    """Return the outcomes (ok cases, o) of a block in the units of their columns; ``is_ok`` (n,)
+    is the mask of its ok cases."""
     columns = box.outcome_columns
     return block.outcomes[is_ok, : len(columns)] * np.array([column.scale for column in columns])
 
 
 def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
-    """Return True if an audit column of an ok case is beyond its bound."""
+    """Return True if an audit column of an ok case (mask ``is_ok``) is beyond its bound."""
     return not all(
         (block.outcomes[is_ok, k] * column.scale <= AUDIT_BOUNDS[column.name]).all()
         for k, column in enumerate(box.result_columns)
@@ -538,7 +556,7 @@ def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
 
 
 def _part(block: Block, first: int, end: int) -> Block:
-    """Cases ``first`` to ``end`` - 1 of a block, as views."""
+    """Return cases ``first`` to ``end`` - 1 of a block as a block, whose arrays are views."""
     cases = slice(first, end)
     fields = ("outcomes", "status", "times", "phases", "history", "rows")
     part = replace(block, **{name: getattr(block, name)[cases] for name in fields})
@@ -549,7 +567,8 @@ def _part(block: Block, first: int, end: int) -> Block:
 def _summarise(
     box: Definition, errors: Mapping[str, float], block: Block, cases: int
 ) -> list[dict[str, Any]]:
-    """Rows of `DesignTable.summary` of designs of ``cases`` cases each."""
+    """Return the rows of `DesignTable.summary`, without the values of the designs, from a block
+    that has the cases of one design after the other, ``cases`` each."""
     rows = []
     for first in range(0, len(block.status), cases):
         part = _part(block, first, first + cases)

@@ -1,11 +1,13 @@
-"""Sizing: the design with the smallest cost that still passes all requirements, shown on cases
-that did not choose it.
+"""Sizing: the design with the smallest cost that still passes all requirements, verified with
+cases that were not used to choose it.
 
-The search runs designs on common random numbers and accepts one if each requirement holds in so
-many of its cases that a fresh run is likely to show it. The verdict is that of a run with another
-seed; the cases of the search are never used for it. If it is not shown, the search is repeated with
-a larger margin, and the verdict with the next seed. The confidence of each of these runs is raised,
-so that the risk of a wrong verdict over all of them is that of the requirement (Bonferroni).
+The search runs designs on common random numbers. It accepts a design if each requirement is
+satisfied in so many of its cases that a run with another seed is likely to show it. The verdict is
+that of such a run, the verdict run; the cases of the search are never used for it. A design is
+shown if its verdict run passes every requirement. If it is not shown, the search is repeated with a
+larger margin, and the verdict run with the next seed. The confidence of every verdict run is
+raised, so that the risk of a wrong verdict over all of them is that of the requirement
+(Bonferroni).
 """
 
 import math
@@ -38,24 +40,25 @@ _STEP = 0.7  # fraction of the accepted violations, from one try to the next
 
 @dataclass(frozen=True)
 class Sizing:
-    """Result of a sizing.
+    """Result of a sizing: the chosen design, and the verdict run of it.
 
     Attributes
     ----------
     values : dict of str to float
-        Chosen design, by TOML path.
+        Chosen design: values of its variables, by TOML path.
     costs : tuple of float
+        Cost of the design; several for a design of a trade-off.
     shown : bool
-        True if the run for the verdict shows every requirement.
+        True if the verdict run passes every requirement.
     verdicts : DataFrame
         Verdicts of that run, at the raised confidence (`Result.requirements`).
     seed, cases : int
-        Of that run.
+        Seed and number of cases of that run.
     searched : DataFrame
         Designs of the last search: values, ``cost`` (``cost_1``, ... of several), and the smallest
         ``margin`` over all requirements, scaled; not negative where the design was accepted.
     tries : int
-        Searches, each with a run for the verdict.
+        Number of searches, each with a verdict run.
     at_ends : tuple of str
         TOML paths whose chosen value is an end of its range.
     """
@@ -92,17 +95,17 @@ def size(
     ----------
     campaign : Campaign
     variables : sequence of Variable
-        At most 6.
+        Design variables, at most 6.
     minimise : str
         Cost: a formula of the names of the variables, each in the unit of its key.
     cases : int
-        Cases of each design in the search; the run for the verdict has `VERDICT_CASES` times as
-        many.
+        Cases of each design in the search; a verdict run has `VERDICT_CASES` times as many.
     seed : int, optional
-        Of the search; verdicts use the following seeds. Default: that of the file.
+        Of the search; verdict runs use the following seeds. Default: that of the file.
     threads : int, optional
+        Number of threads; all cores if None.
     announce : callable (text), optional
-        Called with messages.
+        Called with messages on the progress.
     subject_to : sequence of str
         Names of the requirements to pass; all if empty.
 
@@ -118,12 +121,12 @@ def size(
 
     Notes
     -----
-    One variable: a grid of 13 points, 9 more designs between the neighbours of peaks of the margin
-    at which nothing is accepted (three times), then the cheapest accepted design between the
-    neighbours of the best one, to 1e-4 of the range.
-    Several: a Sobol sequence of 8 designs or more for each, then COBYLA of scipy from the cheapest
-    accepted one, at most 40 designs for each. The optimum is that of the search, not proven to be
-    global.
+    One variable: a grid of 13 designs; 9 more between the neighbours of each of up to three peaks
+    of the margin that are still negative, repeated up to three times; then the cheapest accepted
+    design between the neighbours of the best one, to 1e-4 of the range.
+    Several variables: a Sobol sequence of at least 8 designs per variable, then COBYLA of scipy
+    from the cheapest accepted one, with at most 40 designs per variable. The optimum is that of the
+    search; it is not proven to be global.
     """
     campaign, search = start_search(
         campaign, variables, [minimise], cases, seed, MAX_TRIES, threads, announce, subject_to
@@ -142,8 +145,12 @@ def start_search(
     announce: Log | None,
     subject_to: Sequence[str],
 ) -> tuple["Campaign", DesignSearch]:
-    """Campaign with the requirements that count, and a search of it whose designs are likely to be
-    shown with a confidence raised for ``tries`` runs. Raises InputError."""
+    """Check a request for a sizing, and prepare its search.
+
+    Parameters are those of `size`, but ``minimise`` has a formula for each cost, and ``tries`` is
+    the number of verdict runs for which confidences are raised. Returns the campaign with only the
+    requirements of ``subject_to``, and the search, before it has run a design. Raises InputError.
+    """
     check_variables(variables)
     trees = [cost_tree(one, variables) for one in minimise]
     campaign = with_requirements(campaign, subject_to)
@@ -154,7 +161,8 @@ def start_search(
         if cases < needed:
             raise InputError(
                 f"cases = {cases}: requirement {item.name} cannot be shown with fewer than "
-                f"{needed}, in a run of {VERDICT_CASES} times as many at a raised confidence"
+                f"{needed}, in a run of {VERDICT_CASES} times as many for the verdict, at a "
+                "confidence raised for several such runs"
             )
     seed = campaign.checked_seed(seed)
     vary = {one.key: (one.low, one.high) for one in variables}
@@ -170,14 +178,20 @@ def shown_design(
     threads: int | None,
     announce: Log | None,
 ) -> Sizing:
-    """Search for a design until a run with a fresh seed shows it, `MAX_TRIES` times at most. The
-    confidence of the run is raised for ``tries`` runs."""
+    """Search for the design with the smallest value of ``goal``, and run it with a new seed for the
+    verdict. Repeat with a larger margin until a design passes every requirement, at most
+    `MAX_TRIES` times.
+
+    Returns the last design, whether it passes or not. ``tries`` is the number of verdict runs for
+    which confidences are raised. Raises InputError if the search accepts no design.
+    """
     count, fraction = VERDICT_CASES * search.cases, 1.0
     for number in range(1, MAX_TRIES + 1):
         best, searched = search.optimum(goal, fraction)
         if announce:
             announce(
-                f"search {number}: {design_text(best)}; a run with a fresh seed for the verdict ..."
+                f"search {number}: {design_text(best)}; running it with a new seed for the verdict "
+                "..."
             )
         seed = search.seed + number
         shown, verdicts = fresh_verdict(campaign, dict(best), count, seed, tries, threads, announce)

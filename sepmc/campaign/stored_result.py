@@ -1,4 +1,4 @@
-"""Results of run folders, read again."""
+"""Results of runs, read from their run folders."""
 
 from pathlib import Path
 
@@ -15,29 +15,30 @@ from sepmc.paths import as_path
 
 
 def open_run(folder: str | Path) -> Result:
-    """Open a run folder.
+    """Open a run folder as the result of its run.
 
     Parameters
     ----------
     folder : str or Path
-        Folder that a run wrote, with rows of cases.
+        Folder that a run wrote, with case rows.
 
     Returns
     -------
     Result
-        As `Campaign.run` returns it: rows are read on demand. ``timing`` is empty.
+        As `Campaign.run` returns it, but ``timing`` is empty and ``integration`` None. Rows are
+        read on demand.
 
     Raises
     ------
     StoreError
-        If the folder is no run, has no rows of cases, or was changed.
+        If the folder is no run folder, has no case rows, or was changed.
     """
     path = as_path(folder)
     if not folders.is_run(path):
         raise StoreError(f"{path}: is no folder of a run")
     manifest = manifests.read_manifest(path)
     if not manifests.has_case_rows(manifest):
-        raise StoreError(f"{path}: contains no rows of cases, which sepmc.open reads")
+        raise StoreError(f"{path}: contains no case rows, which sepmc.open reads")
     campaign = load(path)
     statistics = evaluate(campaign, read_summary(path, campaign), manifest)
     record = statistics.accuracy

@@ -1,9 +1,9 @@
-"""Trade-off of several costs: a few designs of which none is better than another one in every cost,
-each shown on cases that did not choose it.
+"""Trade-off of several costs: a few designs of which none is better than another one in every cost
+(the Pareto front), each verified with cases that were not used to choose it.
 
-First the designs with the smallest costs, one cost at a time (with a small part of the others).
-They span the front; between them, the largest distance from the smallest costs, in fractions of
-their ranges, is minimised in some directions (goal attainment: Gembicki and Haimes, IEEE
+First each cost is minimised by itself, with a small weight on the others. These designs are the
+ends of the front. Between them the search minimises the largest distance from the smallest costs,
+in fractions of their ranges, in several directions (goal attainment: Gembicki and Haimes, IEEE
 Transactions on Automatic Control 20 (1975) 769), which reaches concave fronts too. All searches
 share their designs.
 """
@@ -39,18 +39,18 @@ class TradeOff:
     ----------
     table : DataFrame
         A row for each design of the front, the first cost rising: values by TOML path, ``cost_1``,
-        ``cost_2``, ..., ``shown`` (True if a run with a fresh seed shows every requirement),
-        ``seed`` of that run, and of each requirement its verdict (``NAME``) and
+        ``cost_2``, ..., ``shown`` (True if its verdict run, with a seed that no search used, passes
+        every requirement), ``seed`` of that run, and of each requirement its verdict (``NAME``) and
         ``NAME_violations``.
     minimise : tuple of str
         Formulas of the costs.
     searched : DataFrame
-        Designs of the searches: values, costs, and ``margin``, not negative where the design was
-        accepted.
+        All designs of the searches: values, costs, and ``margin``, not negative where the design
+        was accepted.
     cases : int
-        Of each run for a verdict.
+        Number of cases of each verdict run.
     tries : int
-        Number of these runs that the confidence was raised for.
+        Number of verdict runs for which the confidence was raised.
     """
 
     table: pd.DataFrame
@@ -61,7 +61,7 @@ class TradeOff:
 
     @property
     def shown(self) -> bool:
-        """True if every design is shown."""
+        """True if the verdict run of every design of the front passes."""
         return bool(self.table["shown"].all())
 
 
@@ -75,8 +75,8 @@ def trade_off(
     announce: Log | None = None,
     subject_to: Sequence[str] = (),
 ) -> TradeOff:
-    """Find designs that pass all requirements with confidence, and of which none has all costs
-    smaller than another one.
+    """Find designs that pass all requirements with confidence, and trade one cost for another: none
+    has all costs smaller than another one.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def trade_off(
     Raises
     ------
     InputError
-        As for `sepmc.campaign.sizing.size`, and if there are more or fewer costs.
+        As for `sepmc.campaign.sizing.size`, and if there are not two or three costs.
     """
     count = len(minimise)
     if count not in _DIRECTIONS:
@@ -105,7 +105,9 @@ def trade_off(
     def shown(goal: Goal) -> Sizing:
         point = shown_design(campaign, search, goal, tries, threads, no_log)
         if announce:
-            announce(f"{design_text(point.values)}: {'' if point.shown else 'not '}shown")
+            announce(
+                f"{design_text(point.values)}: requirements {'' if point.shown else 'not '}shown"
+            )
         return point
 
     spread = search.spread_of_costs(1.0)
@@ -132,15 +134,15 @@ def trade_off(
 
 
 def dominated(costs: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Mask (m,) of the designs with costs (m, n) to which a ``shown`` one (m,) is preferred: none
-    of its costs is larger, and one is smaller."""
+    """Return the mask (m,) of dominated designs among m designs with costs (m, n): those for which
+    a design of the mask ``shown`` (m,) has no larger cost and at least one smaller cost."""
     no_larger = (costs[:, None] <= costs[None]).all(axis=2)
     smaller = (costs[:, None] < costs[None]).any(axis=2)
     return np.asarray((no_larger & smaller & shown[:, None]).any(axis=0))
 
 
 def _row(point: Sizing, names: Sequence[str]) -> dict[str, Any]:
-    """Row of the table of a design."""
+    """Return the row of `TradeOff.table` for a design; ``names`` are the columns of its costs."""
     row: dict[str, Any] = {**point.values, **dict(zip(names, point.costs, strict=True))}
     row |= {"shown": point.shown, "seed": point.seed}
     for name, verdict in point.verdicts.to_dict("index").items():

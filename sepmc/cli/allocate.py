@@ -1,4 +1,4 @@
-"""`sepmc allocate`: which tolerances may be doubled, or must be halved."""
+"""`sepmc allocate`: find which tolerances may be doubled, or must be halved."""
 
 import sys
 from pathlib import Path
@@ -19,7 +19,7 @@ from sepmc.cli.options import (
 )
 
 
-@click.command(short_help="Which tolerances of FILE may be doubled, or must be halved.")
+@click.command(short_help="Find which tolerances of FILE may be doubled, or must be halved.")
 @FILE
 @click.option(
     "--cases",
@@ -47,9 +47,9 @@ def allocate(
     """Halve and double the spread of each dispersed input of FILE, on the same random numbers, and
     show how the probability of a violation changes.
 
-    If FILE passes, as many spreads are doubled as it allows; else as few are halved as it needs. A
-    run with another seed judges the proposal. With --check the command ends with code 1 unless that
-    run shows every requirement.
+    If FILE passes its requirements, the proposal doubles as many spreads as possible while it still
+    passes; else it halves as few as possible until it passes. A run with another seed judges the
+    proposal. With --check the exit code is 1 unless that run shows every requirement.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""Screen of `sepmc allocate`."""
+"""Text that `sepmc allocate` prints."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ from sepmc.text_table import text_table
 
 
 def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]) -> str:
-    """Render an allocation as text: table of inputs, proposed spreads as lines for the campaign
-    file, verdicts of the run with fresh cases, and the command that repeats that run. ``file`` and
-    ``settings`` are those of the command line."""
+    """Return an allocation as text: table of inputs, proposed spreads as lines for the campaign
+    file, verdicts of the run that judges them, and the command that repeats that run. ``file`` and
+    ``settings`` (texts PATH=VALUE) are those of the command line."""
     table = allocation.table
     head = [
         "input",
@@ -50,13 +50,15 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
     if not allocation.factors or not allocation.shown:
         return "\n".join([*lines, _without_proposal(allocation)])
     verb = "doubled" if allocation.passes else "halved"
-    lines.append(f"shown with {len(allocation.factors)} of {len(table)} spreads {verb}:")
+    lines.append(
+        f"requirements shown with {len(allocation.factors)} of {len(table)} spreads {verb}:"
+    )
     lines += [f"  {line}" for line in _file_lines(allocation.settings)]
     assert allocation.verdicts is not None
     lines += render_verdicts(allocation.verdicts)
     lines.append(
-        f"verdicts of {allocation.cases} cases of seed {allocation.verdict_seed}, which did not "
-        f"choose the spreads; confidence raised for {MAX_TRIES} tries"
+        f"verdicts of {allocation.cases} cases of seed {allocation.verdict_seed}, which were not "
+        f"used to choose the spreads; confidence raised for {MAX_TRIES} tries"
     )
     changed = [
         *settings,
@@ -68,17 +70,21 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
 
 
 def _without_proposal(allocation: Allocation) -> str:
+    """Return a sentence on why an allocation proposes nothing, or its proposal is not shown."""
     if allocation.verdicts is None:
-        return "no halved spread surely helps: change the design, or give more --cases"
+        return (
+            "no proposal: no single halved spread lowers the probability with 95 % confidence: "
+            "change the design, or give more --cases"
+        )
     if not allocation.passes:
         return (
-            "not shown with all spreads halved whose halving surely helps, "
+            "no proposal: requirements not shown even with all spreads halved whose halving helps, "
             f"{len(allocation.factors)} of {len(allocation.table)}: change the design, or give "
             "more --cases"
         )
     unchanged = f"with no spread doubled, a run of seed {allocation.verdict_seed}"
     if allocation.shown:
-        return f"no proposal: {unchanged} shows all requirements, with spreads doubled none did"
+        return f"no proposal: {unchanged} shows all requirements, no run with doubled spreads did"
     return (
         f"no proposal: even {unchanged} does not show all requirements at the confidence raised "
         f"for {MAX_TRIES} tries: the margin is too small for --cases {allocation.cases}"
@@ -86,8 +92,8 @@ def _without_proposal(allocation: Allocation) -> str:
 
 
 def _change(row: Mapping[Any, Any], name: str) -> list[str]:
-    """Texts of the change of the probability and of its interval, if the spread is halved (``name``
-    is "half") or doubled ("double"); dashes if it is not known."""
+    """Return two texts: the change of the violation probability if the spread of a row is halved
+    (``name`` is "half") or doubled ("double"), and its interval; dashes if it is not known."""
     if row[name] != row[name]:
         return ["-", "-"]
     interval = f"{row[f'{name}_low']:+.3g} to {row[f'{name}_high']:+.3g}"
@@ -95,11 +101,13 @@ def _change(row: Mapping[Any, Any], name: str) -> list[str]:
 
 
 def _passes(row: Mapping[Any, Any]) -> str:
+    """Return text on whether the run with the doubled spread of a row passes; a dash if unknown."""
     return {True: "may be doubled", False: "fails"}.get(row["double_passes"], "-")
 
 
 def _file_lines(settings: Mapping[str, Any]) -> list[str]:
-    """Lines of the table [dispersion] in a campaign file, from distributions by TOML path."""
+    """Return lines for the table [dispersion] of a campaign file, from distributions by TOML
+    path."""
     return [
         f'"{key.removeprefix("dispersion.")}" = {inline_toml(value)}'
         for key, value in settings.items()

@@ -44,16 +44,16 @@ RENAMED_OPTIONS = {
 
 
 class _Sepmc(Program):
-    """Program that names the successors of renamed commands and options."""
+    """Program that reports the new name of a command or option that was renamed."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Look up a command; raise UsageError for an earlier name."""
+        """Look up a command; raise UsageError with its new name if it was renamed."""
         if new := RENAMED_COMMANDS.get(args[0]):
-            ctx.fail(f"{args[0]} was renamed: sepmc {new}")
+            ctx.fail(f"the command {args[0]} was renamed: sepmc {new}")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; raise UsageError for an earlier name of an option."""
+        """Run a command; raise UsageError with the new name of an option that was renamed."""
         try:
             return super().invoke(ctx)
         except click.NoSuchOption as error:
@@ -79,7 +79,7 @@ class _Sepmc(Program):
 )
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
-    """Entry point of all commands. Makes garbage collection rare: a command ends soon."""
+    """Entry point of all commands; makes garbage collection rare, as a command ends soon."""
     gc_tuning.reduce_collections()
 
 

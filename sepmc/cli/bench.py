@@ -16,18 +16,18 @@ from sepmc.cli.render import logger
 @click.option(
     "--cases",
     type=click.IntRange(min=1, max=10**7),
-    help="Timed cases. Default: 10000, with --quick 1000.",
+    help="Number of timed cases. Default: 10000, with --quick 1000.",
 )
 @click.option(
     "--repeats",
     type=click.IntRange(min=1),
-    help="Repeats, of which the median is taken. Default: 7, with --quick 3.",
+    help="Repeats of each timing, of which the median is taken. Default: 7, with --quick 3.",
 )
 @THREADS
 @click.option(
     "--quick",
     is_flag=True,
-    help="Fewer settings, and nothing that takes minutes: a look, not a measurement.",
+    help="Measure fewer settings, and nothing that takes minutes: a rough look.",
 )
 @overwrite_option("the bench in --out")
 @SETTINGS
@@ -43,8 +43,8 @@ def bench(
     settings: tuple[str, ...],
     quiet: bool,
 ) -> None:
-    """Measure speed and accuracy of FILE on this machine: error over time, cost of each feature,
-    scaling, time by stage.
+    """Measure speed and accuracy of FILE on this machine: error over run time, cost of each
+    feature, scaling with threads, and time by stage.
 
     Errors are relative to a reference at very many steps. Tables go to the screen and as Parquet,
     with bench.json and figures, into a folder. It takes 4 to 10 minutes on two cores, a minute or
@@ -55,7 +55,7 @@ def bench(
       sepmc bench table2.toml --quick
     """
     if overwrite and out is None:
-        raise click.UsageError("--overwrite needs --out, the folder meant")
+        raise click.UsageError("--overwrite needs --out, the folder to replace")
     campaign = load_campaign(file, settings)
     from sepmc.bench.bench import bench as measure
     from sepmc.campaign.store import folders

@@ -62,7 +62,8 @@ if TYPE_CHECKING:
 @click.option(
     "--cluster",
     metavar="tcp://HOST:PORT",
-    help="Address of a Dask scheduler whose workers run the cases; all see --out under one path.",
+    help="Address of a Dask scheduler whose workers run the cases; every worker must see --out "
+    "under the same path.",
 )
 @SETTINGS
 @NO_PLOTS
@@ -80,17 +81,21 @@ if TYPE_CHECKING:
     "requirement), every:1000, or all.",
 )
 @click.option(
-    "--keep-columns", metavar="PATTERN,...", help="Columns of these rows: 'in_*,upper_*'."
+    "--keep-columns",
+    metavar="PATTERN,...",
+    help="Columns to store of the rows that --keep selects: 'in_*,upper_*'.",
 )
-@click.option("--float32", is_flag=True, help="Store these rows in single precision.")
+@click.option(
+    "--float32", is_flag=True, help="Store the rows that --keep selects in single precision."
+)
 @click.option(
     "--until",
     metavar="METRIC:TOLERANCE",
     help="Stop as soon as the half width of the 95 % interval of METRIC is at most TOLERANCE. "
     "METRIC is a mean (separation_speed_m_s:0.01), .sigma, a percentile (upper_pitch_deg.p99:1%), "
     "or the fraction of a status (never-released:0.001). Checked when the number of cases has "
-    "doubled; a mean or sigma waits until every value with a probability of its own in FILE was "
-    "sampled ten times. --resume continues the same rule; excludes --workers, lhs and saltelli.",
+    "doubled; a mean or sigma waits until every value of a discrete distribution was sampled ten "
+    "times. --resume continues the same rule; excludes --workers, lhs and saltelli.",
 )
 @click.option(
     "--max-failures",
@@ -138,10 +143,13 @@ def campaign(
     resume, overwrite = fields["resume"], fields["overwrite"]
     if (resume or overwrite) and out is None:
         raise click.UsageError(
-            f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
+            f"--{'resume' if resume else 'overwrite'} needs --out, the run folder to use"
         )
     if workers and cluster:
-        raise click.UsageError("--workers are of this machine; --cluster has its own")
+        raise click.UsageError(
+            "--workers and --cluster exclude each other: --workers starts processes on this "
+            "machine, --cluster uses those of its scheduler"
+        )
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")
     if rare is not None:
@@ -166,7 +174,7 @@ def campaign(
             folders.check_folder(folder, overwrite, resume)
             if options.until:
                 loaded.until(options.until, loaded.select_cases(cases)[0])
-                click.echo(f"stops as soon as {options.until} is known, of at most:")
+                click.echo(f"stops early, as soon as {options.until} is reached; at most:")
             counts = options.stats_only or bool(options.keep)
             changed = [*settings, *([f"run.samples={samples}"] if samples else [])]
             command = ["sepmc", "compile", file, *(w for one in changed for w in ("--set", one))]
@@ -201,7 +209,8 @@ def _run(
     options: "RunOptions",
     quiet: bool,
 ) -> "Result":
-    """Run a campaign with progress; exit with the command that resumes it if it is interrupted."""
+    """Run a campaign into a folder with a progress bar, and return the result. If it is
+    interrupted, print the command that resumes the run, and exit."""
     from sepmc.campaign.store import folders
 
     selection, _ = campaign.select_cases(cases)
@@ -227,8 +236,9 @@ def _run(
 def _executor(
     workers: int | None, address: str | None, threads: int | None
 ) -> "AbstractContextManager[DaskExecutor | None]":
-    """Context manager that starts ``workers`` processes or connects to those at ``address``, and
-    yields their executor; None if neither is given. Raises InputError without Dask."""
+    """Return a context manager that starts ``workers`` processes, or connects to the Dask scheduler
+    at ``address``, and yields their executor; it yields None if neither is given. Raises InputError
+    if Dask is not installed."""
     if workers is None and address is None:
         return nullcontext()
     from sepmc.scene.messages import InputError

@@ -57,7 +57,8 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
 
 
 def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
-    """Show scene, kernel, cases, dispersions and requirements of a campaign."""
+    """Print scene, kernel, cases, dispersions, requirements, scenarios and measurements of a
+    campaign; ``spec`` describes its kernel. Raises SceneError if a scenario is not valid."""
     from sepmc.analysis.requirements_text import requirement_sentence
     from sepmc.campaign.execution.step_selection import stage_names
     from sepmc.campaign.label import as_text
@@ -117,7 +118,8 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
 
 
 def _input_warnings(campaign: "Campaign") -> list[str]:
-    """Return warnings on the samples and the file of a campaign."""
+    """Return warnings about a campaign that need no simulation: on its file, on its sampling, and
+    on inertias that no solid body has among its first million cases."""
     from sepmc.campaign.execution.diagnostics import file_notes, sampling_notes
     from sepmc.campaign.execution.runner import implausible_note
 
@@ -138,8 +140,9 @@ def _input_warnings(campaign: "Campaign") -> list[str]:
 
 
 def _check_nominal(campaign: "Campaign", known: list[str]) -> bool:
-    """Simulate the nominal case roughly, and print warnings that are not ``known``. Returns False
-    if the case did not end within the work that a check may take."""
+    """Simulate the nominal case roughly; print its status, and its warnings that are not ``known``,
+    which were printed before. Returns False if the case did not end within the work that a check
+    may take."""
     from sepmc.campaign.execution.diagnostics import nominal_notes
     from sepmc.campaign.execution.single_case import UnknownError
     from sepmc.scene.messages import SceneWarning, no_log

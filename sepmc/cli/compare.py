@@ -1,4 +1,4 @@
-"""`sepmc compare`: differences between two runs."""
+"""`sepmc compare`: differences between two runs, or between a run and a flight."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -35,23 +35,24 @@ _SHOWN = 12  # outcomes on the screen and in the figure
     "maps",
     multiple=True,
     metavar="COLUMN=CHANNEL",
-    help="A column of histories, and the channel it is compared with, as an assignment: "
-    '"upper_omega_y_deg_s=-0.5*gyro_z[rad/s]". Default: channels that have the name of a column.',
+    help="A history column, and the channel it is compared with, with optional sign, factor and "
+    'unit: "upper_omega_y_deg_s=-0.5*gyro_z[rad/s]". Default: channels that have the name of a '
+    "column.",
 )
-@click.option("--time", metavar="CHANNEL", help="Channel of the time. Default: time, t and such.")
+@click.option("--time", metavar="CHANNEL", help="Channel of time. Default: time, t or similar.")
 @click.option(
     "--shift",
     "shift_s",
     type=float,
     metavar="S",
-    help="Time of the flight's clock at time 0 of the run. Default: estimated.",
+    help="Time of the flight's clock at time 0 of the run, s. Default: estimated.",
 )
 @click.option(
     "--cases",
     type=click.IntRange(min=2),
     default=CASES,
     show_default=True,
-    help="Cases of the envelope, simulated again unless the run stored these columns.",
+    help="Cases of the envelope, simulated again unless the run stored these columns over time.",
 )
 @click.option(
     "--out",
@@ -94,7 +95,8 @@ def compare(
 
 
 def _compare_runs(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
-    """Show the differences between two runs, and write them to a folder."""
+    """Print the differences between two runs; write them as compare.csv and compare.png into the
+    folder ``out``, if it is not None."""
     paths = one, two
     for folder in paths:
         check_rows(folder)
@@ -133,21 +135,23 @@ def _compare_runs(one: Path, two: Path, out: Path | None, overwrite: bool) -> No
 
 
 def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatistics]") -> None:
-    """Show the differences of two runs in files, statuses and verdicts."""
+    """Print the differences of two runs in campaign files, case numbers, statuses and verdicts."""
     from sepmc.analysis.compare import tree_differences
 
     trees = [_without_cases(each.file.tree) for each in campaigns]
     lines = tree_differences(trees[0], trees[1])
     cases = [str(r.manifest.get("numbers") or f"0:{r.manifest['cases']}") for r in runs]
     lines += [f"cases: {' -> '.join(cases)}"] if cases[0] != cases[1] else []
-    click.echo("\n".join(["what differs in the files", *(f"  {x}" for x in lines or ["nothing"])]))
+    click.echo(
+        "\n".join(["differences of the campaign files", *(f"  {x}" for x in lines or ["none"])])
+    )
     counts = [run.summary.counts for run in runs]
     for label in dict.fromkeys([*counts[0], *counts[1]]):
         click.echo(f"{label}: {counts[0].get(label, 0)} -> {counts[1].get(label, 0)} cases")
     verdicts = [{verdict.name: verdict for verdict in run.verdicts} for run in runs]
     for name in dict.fromkeys([*verdicts[0], *verdicts[1]]):
         texts = [
-            f"{each[name].verdict}, {each[name].violations} of {each[name].cases}"
+            f"{each[name].verdict}, {each[name].violations} of {each[name].cases} cases violate it"
             if name in each
             else "not required"
             for each in verdicts
@@ -164,7 +168,8 @@ def _without_cases(tree: Mapping[str, Any]) -> dict[str, Any]:
 def _resampled(
     campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatistics]", inputs: list[str]
 ) -> list[str]:
-    """Return the inputs whose samples differ between two runs, by seed, sampler or distribution."""
+    """Return the names of the ``inputs`` whose samples differ between two runs because seed,
+    sampler or distribution differ."""
     sampling = [_sampling(r.manifest, each) for r, each in zip(runs, campaigns, strict=True)]
     from_table = {
         d.parameter.column for each in campaigns for d in each.file.dispersions if d.column
@@ -178,8 +183,9 @@ def _resampled(
 
 
 def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, ...]:
-    """Return seed, sampler, jointly sampled parameters and number of cases, as far as the samples
-    of a case depend on them; two runs with equal tuples have the same random numbers."""
+    """Return a tuple (seed, sampler, paths of jointly sampled parameters, number of cases). Two
+    runs with equal tuples have the same random numbers; paths and number are empty and 0 where the
+    random numbers do not depend on them."""
     from sepmc.campaign.cases import SIZE_DEPENDENT
     from sepmc.scene.model import SALTELLI
 
@@ -192,8 +198,8 @@ def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, .
 
 
 def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
-    """Return a tuple for each input, by column, that determines its distribution and its
-    correlations; equal tuples are equal distributions."""
+    """Return, by column of an input, a tuple with its distribution and correlations; two inputs
+    with equal tuples have equal distributions."""
     dispersions = campaign.file.dispersions
     distributions: dict[str, tuple[Any, ...]] = {
         d.parameter.column: (d.distribution, d.numbers, d.weights) for d in dispersions
@@ -207,8 +213,11 @@ def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
 def _samples(
     rows: Sequence[Any], tables: Sequence[Any], names: list[str]
 ) -> "dict[str, tuple[np.ndarray, np.ndarray]]":
-    """Return the finite values (n,) and (m,) of the ok cases of two runs by outcome; those of a
-    constant outcome are all its constant value."""
+    """Return, by outcome, the finite values (n,) and (m,) of the ok cases of two runs. Values of a
+    constant outcome are all its constant. Outcomes without values in a run are left out.
+
+    ``rows`` and ``tables`` are the case columns and the statistics of each run.
+    """
     import numpy as np
 
     from sepmc.analysis.constant_outcomes import constant_value, is_constant
@@ -228,5 +237,5 @@ def _samples(
 
 
 def _common(one: list[str], two: list[str]) -> list[str]:
-    """Return the names in both lists, in the order of the first."""
+    """Return the names that are in both lists, in the order of the first."""
     return [name for name in one if name in set(two)]

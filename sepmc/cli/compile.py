@@ -1,4 +1,4 @@
-"""`sepmc compile`: compile the kernel of a file ahead."""
+"""`sepmc compile`: compile the kernel of a file before it is run."""
 
 import time
 
@@ -8,7 +8,7 @@ from sepmc.cli.options import FILE, QUIET, SETTINGS, load_campaign
 from sepmc.cli.render import logger
 
 
-@click.command(name="compile", short_help="Compile the kernel of FILE ahead.")
+@click.command(name="compile", short_help="Compile the kernel of FILE before its first run.")
 @FILE
 @SETTINGS
 @click.option(
@@ -19,7 +19,7 @@ from sepmc.cli.render import logger
 @click.option(
     "--fallbacks",
     is_flag=True,
-    help="Compile the fallback kernels, too, for cases that are not valid in the standard one.",
+    help="Also compile the fallback kernels, which run the cases that the standard one rejects.",
 )
 @QUIET
 def compile_(

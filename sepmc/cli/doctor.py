@@ -24,7 +24,9 @@ _TABLES = (".csv", ".html")
 @click.command(short_help="Check RUN, file by file, and repair it.")
 @RUN
 @click.option(
-    "--repair", is_flag=True, help="Run, count and draw again what is missing or was changed."
+    "--repair",
+    is_flag=True,
+    help="Make files again that are missing or were changed: run cases, count and draw.",
 )
 @QUIET
 def doctor(folder: Path, repair: bool, quiet: bool) -> None:
@@ -43,7 +45,7 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
     for finding in findings:
         click.echo(finding.text)
     if not findings:
-        log(f"{folder}: is as it was written")
+        log(f"{folder}: every file is as it was written")
         return
     if repair:
         sys.exit(_repair(folder, findings, log))
@@ -53,8 +55,9 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 
 
 def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
-    """Make missing and changed files of a run folder again. Returns the exit code: 1 if faults are
-    left. Raises StoreError if the campaign file is missing or was changed."""
+    """Make the missing and changed files of a run folder again. Returns the exit code: 1 if faults
+    are left, else 0. Raises StoreError if one of the ``findings`` cannot be repaired, such as a
+    changed campaign file."""
     from sepmc.campaign.campaign import load
     from sepmc.campaign.store import folders, manifests
 
@@ -84,7 +87,10 @@ def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
     exit_code(run, must_pass=False)
     log(f"{folder}: {n_run} cases run again{', figures drawn again' if figures else ''}")
     if lost := manifests.forget_damaged(folder, _FIGURES + _TABLES):
-        log(f"not made again: {', '.join(lost)}; sepmc plot, sensitivity, fit and report make them")
+        log(
+            f"not made again: {', '.join(lost)}; to make them: sepmc plot, sensitivity, fit or "
+            "report"
+        )
     left = manifests.diagnose(folder)
     for finding in left:
         click.echo(finding.text, err=True)

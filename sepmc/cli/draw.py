@@ -21,7 +21,7 @@ from sepmc.cli.options import (
 @overwrite_option("the drawing in --out")
 def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
     """Draw the vehicle of FILE at the start, from the side, from above and from behind: outlines,
-    centres of mass, joints, springs, motors with their thrust.
+    centres of mass, joints, springs, and motors with their thrust.
 
     \b
     Example:

@@ -25,8 +25,9 @@ def show_forecast(
     stats_only: bool,
     compile_command: Sequence[str],
 ) -> None:
-    """Show rows, disk, memory and time of a run of a campaign into a folder; write nothing. If its
-    kernel is not compiled, the words ``compile_command`` are shown in place of the time."""
+    """Print a forecast of a run of a campaign into a folder (columns of a row, disk, memory, time),
+    and write nothing. The time is measured on a few cases; if the kernel is not compiled yet, the
+    command that compiles it, ``compile_command`` by words, is printed in place of the time."""
     from sepmc.campaign.execution.forecast import forecast, size_text, time_text
     from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 
@@ -52,10 +53,13 @@ def show_forecast(
     )
     missing, units = units_to_compile(kernel_text(campaign, history=bool(separation)))
     if missing:
-        click.echo(f"  kernel    {missing} of {units} units to compile, half a core second each")
+        click.echo(
+            f"  kernel    {missing} of {units} compile units left to compile, half a core second "
+            "each"
+        )
         click.echo(f"  time      known once it is compiled: {shlex.join(compile_command)}")
         return
-    click.echo(f"  kernel    compiled: {units} units in the cache")
+    click.echo(f"  kernel    compiled: {units} compile units in the cache")
     start = time.perf_counter()
     integration = select_steps(campaign, history=bool(separation), announce=None)
     calibration_s = time.perf_counter() - start
@@ -74,8 +78,11 @@ def _time_per_case(
     total: int,
     separation: list[Any],
 ) -> tuple[float, int]:
-    """Measure the seconds to sample and integrate one case, on the first cases of a selection;
-    returns them and the number of cases measured."""
+    """Measure how long it takes to sample and integrate a case, on the first cases of a selection.
+
+    ``separation`` are the columns of stored histories; empty if none are stored. Returns the
+    seconds per case, and the number of cases measured.
+    """
     from sepmc.campaign.execution.integration import history_rows
     from sepmc.campaign.execution.integration import integrate as integrate_samples
 

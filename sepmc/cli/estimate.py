@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     type=int,
     default=1000,
     show_default=True,
-    help="Cases of the posterior sample, and of the run with them.",
+    help="Number of cases of the posterior sample, which are also run.",
 )
 @SEED
 @SETTINGS
@@ -54,10 +54,10 @@ def estimate(
     """Estimate the dispersed parameters of FILE from its [[measurement]] tables, and run the cases
     of the estimate into a run folder.
 
-    The distributions of FILE are what is known before the flight. The posterior is a sample of
-    inputs, samples.parquet in the run folder; with --samples it flies in any other campaign of
-    these parameters. A check says whether FILE explains the measurements at all; if not, the
-    command ends with code 1.
+    The distributions of FILE are what is known before the flight (the prior). The posterior is a
+    sample of inputs, samples.parquet in the run folder; with --samples it can be run in any other
+    campaign that has these parameters. A check says whether FILE explains the measurements at all;
+    if not, the exit code is 1.
 
     \b
     Example:
@@ -94,7 +94,8 @@ def estimate(
 
 
 def _run(campaign: "Campaign", table: Path, threads: int | None, folder: Path, log: "Log") -> None:
-    """Run the cases of a posterior sample into a folder, and show verdicts."""
+    """Run the cases of a posterior sample, the ``table`` for ``run.samples``, into a folder, and
+    log their verdicts on the requirements."""
     from sepmc.analysis.requirements_text import render_verdicts
     from sepmc.campaign.run_options import RunOptions
     from sepmc.cli.render import screen_width

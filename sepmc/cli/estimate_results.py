@@ -1,4 +1,4 @@
-"""Files and screen of `sepmc estimate`."""
+"""Files that `sepmc estimate` writes, and text that it prints."""
 
 import math
 import time
@@ -21,7 +21,8 @@ _MOST_PAIRS = 8  # correlations shown
 
 
 def count_sweeps(log: Log) -> Callable[[float, int], None]:
-    """Report the progress of the sampler from time to time."""
+    """Return a function (temperature, sweeps), to call after each move of the sampler, that logs
+    the progress at most every five seconds."""
     last = time.monotonic()
 
     def report(temperature: float, sweeps: int) -> None:
@@ -34,7 +35,7 @@ def count_sweeps(log: Log) -> Callable[[float, int], None]:
 
 
 def write_samples(estimation: Estimation, campaign: Campaign, path: Path) -> Path:
-    """Write the sample of the posterior as a table for ``run.samples``; return its path."""
+    """Write the sample of the posterior to a Parquet table for ``run.samples``; return ``path``."""
     about = {"campaign": campaign.name, "digest": campaign.digest, "sepmc": __version__}
     inputs = estimation.inputs
     columns = campaign.input_columns
@@ -44,8 +45,8 @@ def write_samples(estimation: Estimation, campaign: Campaign, path: Path) -> Pat
 
 
 def write_estimation(estimation: Estimation, folder: Path, figure: bool) -> list[Path]:
-    """Write ``posterior.csv`` (parameters), ``posterior.json`` and the figure into a run folder;
-    return their paths."""
+    """Write ``posterior.csv`` (table of parameters), ``posterior.json`` and, if ``figure``,
+    ``posterior.png`` into a run folder; return their paths."""
     written = [folder / "posterior.csv", folder / "posterior.json"]
     folders.write_text(written[0], estimation.table.to_csv(index=False))
     folders.write_json(written[1], _summary(estimation))
@@ -58,7 +59,7 @@ def write_estimation(estimation: Estimation, folder: Path, figure: bool) -> list
 
 
 def _summary(estimation: Estimation) -> dict[str, Any]:
-    """Content of ``posterior.json``."""
+    """Return the content of ``posterior.json``."""
     check, sample = estimation.check, estimation.sample
     tests = {"blocks": check.blocks, "parameters": check.parameters, "noise": check.noise}
     return {
@@ -99,11 +100,15 @@ def _summary(estimation: Estimation) -> dict[str, Any]:
 
 
 def render_estimation(estimation: Estimation, folder: Path) -> str:
-    """Render parameters, correlations, evidence and the check of the model."""
+    """Return an estimation as text: parameters, correlations, sampler, evidence and the check of
+    the model. ``folder`` is the run folder of the posterior sample."""
     lines = [*estimation.understood, ""]
     lines += _parameters(estimation)
     for first, second, value in estimation.correlations[:_MOST_PAIRS]:
-        lines.append(f"correlation {value:+.2f}: {first}, {second}: the flight knows them together")
+        lines.append(
+            f"correlation {value:+.2f} of {first} and {second}: the flight determines them only "
+            "together"
+        )
     more = len(estimation.correlations) - _MOST_PAIRS
     if more > 0:
         lines.append(f"and {more} more pairs beyond {CORRELATED:g} in posterior.json")
@@ -117,17 +122,18 @@ def render_estimation(estimation: Estimation, folder: Path) -> str:
     ]
     if estimation.impossible > 0.0:
         lines.append(
-            f"{100.0 * estimation.impossible:.2g} % of the cases of the distributions have no "
-            "value at all samples; they count as impossible"
+            f"{100.0 * estimation.impossible:.2g} % of the cases of the distributions lack a value "
+            "at some sample; they count as impossible"
         )
     lines += _check(estimation)
     path = folder / folders.SAMPLES
-    lines.append(f"posterior: {len(estimation.inputs)} cases, to run by --samples {path}")
+    lines.append(f"posterior: {len(estimation.inputs)} cases, to run with --samples {path}")
     return "\n".join(lines)
 
 
 def _parameters(estimation: Estimation) -> list[str]:
-    """Parameters that the flight informs, the best known first, and the names of the others."""
+    """Return lines of text: a table of the parameters that the flight informs, the best known
+    first, and the names of the others."""
     table = estimation.table.sort_values("std_ratio", kind="stable")
     informed = table[table["std_ratio"] <= UNINFORMED]
     head = ("parameter", "unit", "before", "std", "after", "std", "5 %", "95 %", "ratio")
@@ -153,7 +159,8 @@ def _parameters(estimation: Estimation) -> list[str]:
 
 
 def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[str]:
-    """Values of a row, to two digits of a standard deviation."""
+    """Return the values ``names`` of a row as text, with as many decimals as show two digits of the
+    standard deviation ``spread`` of the row."""
     digits = 0
     if row[spread] > 0.0:
         digits = min(max(1 - math.floor(math.log10(row[spread])), 0), 12)
@@ -161,11 +168,15 @@ def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[
 
 
 def _test_text(test: ChiSquareTest) -> str:
-    return f"chi-square {test.chi_square:.4g} of {test.freedom} (p = {test.p_value:.2g})"
+    """Return a chi-square test as text: value, degrees of freedom and p-value."""
+    return (
+        f"chi-square {test.chi_square:.4g} with {test.freedom} degrees of freedom "
+        f"(p = {test.p_value:.2g})"
+    )
 
 
 def _check(estimation: Estimation) -> list[str]:
-    """Check of the model in words."""
+    """Return the check of the model as lines of text."""
     check = estimation.check
     lines = [
         f"model check: residuals by time {_test_text(check.blocks)}; parameters against their "
@@ -194,7 +205,7 @@ def _check(estimation: Estimation) -> list[str]:
         ratios = [np.nan_to_num(one.ratio) for one in check.channels]
         worst_channel = int(np.argmax(ratios))
         lines.append(
-            "residuals scatter more than sigma says, most in "
+            "residuals scatter more than the sigma of their channel, most in "
             f"{estimation.channels[worst_channel].column}, {ratios[worst_channel]:.2g} times: "
             "sigma is too small, or the model lacks something fast"
         )

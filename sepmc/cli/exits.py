@@ -1,4 +1,4 @@
-"""Exit codes, and the errors that end a command with one sentence."""
+"""Exit codes of commands, and the errors that end a command with a message and no traceback."""
 
 import errno
 import signal
@@ -31,11 +31,12 @@ _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENOENT)
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM: ends a command as Ctrl-C does, with its own exit code."""
+    """Raised at SIGTERM: ends a command as Ctrl-C does, but with an exit code of its own."""
 
 
 class Program(click.Group):
-    """Group of commands whose errors, those of options included, are single sentences."""
+    """Group of commands that end on errors, those of options included, with a message and no
+    traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Parse the options of a command and run it."""
@@ -44,7 +45,8 @@ class Program(click.Group):
 
 
 def stopped(error: KeyboardInterrupt) -> tuple[str, int]:
-    """Return the word for what stopped a command, and its exit code."""
+    """Return "interrupted" or "terminated" for the error that stopped a command, and the exit
+    code."""
     if isinstance(error, Terminated):
         return "terminated", TERMINATED
     return "interrupted", INTERRUPTED
@@ -52,7 +54,8 @@ def stopped(error: KeyboardInterrupt) -> tuple[str, int]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Raise `Terminated` at SIGTERM within this context, unless a handler is installed."""
+    """Context manager: SIGTERM raises `Terminated`, unless a handler is installed already or this
+    is not the main thread."""
     in_main = threading.current_thread() is threading.main_thread()
     if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -70,7 +73,8 @@ def _terminable() -> Iterator[None]:
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Exit with a message and no traceback on bad input, unusable folders, Ctrl-C and SIGTERM."""
+    """Context manager: bad input, unusable files or folders, Ctrl-C and SIGTERM end the program
+    with a message and an exit code; other errors pass."""
     from sepmc.scene.messages import InputError, SceneError
 
     try:
@@ -99,8 +103,8 @@ def plain_errors() -> Iterator[None]:
 
 
 def first_fault(*faults: tuple[Any, int, str]) -> int:
-    """Print the message of the first fault (occurred, exit code, message) that occurred, and return
-    its exit code; 0 if there is none."""
+    """Print the message of the first of the ``faults``, tuples (has occurred, exit code, message),
+    that has occurred, and return its exit code; 0 if none has."""
     for occurred, code, message in faults:
         if occurred:
             click.echo(f"error: {message}", err=True)

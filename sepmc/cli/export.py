@@ -1,4 +1,4 @@
-"""`sepmc export`: the rows of a run in the formats of other programs."""
+"""`sepmc export`: write the rows of a run in the formats of other programs."""
 
 from pathlib import Path
 
@@ -14,7 +14,9 @@ _FORMATS = ("csv", "mat", "netcdf", "hdf5", "xlsx")
 @click.option(
     "--format", "kind", type=click.Choice(_FORMATS), required=True, help="Format of the file."
 )
-@click.option("--histories", is_flag=True, help="Write the separations over time, not the cases.")
+@click.option(
+    "--histories", is_flag=True, help="Write the separations over time, not the case table."
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path),

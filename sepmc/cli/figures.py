@@ -1,4 +1,4 @@
-"""Figures of a run: which ones, and of which outcomes. Heavy modules are imported at use."""
+"""Choice and drawing of the figures of a run. Heavy modules are imported at use."""
 
 import math
 import os
@@ -51,8 +51,8 @@ _EVENT_KINDS = (
 
 @contextmanager
 def drawing_process(wanted: bool) -> "Iterator[Executor | None]":
-    """Context manager: yield an executor of one process that is ready to draw, after a second to
-    start; yield None if it is not ``wanted`` or there is one core only."""
+    """Context manager: yield an executor of one process, which imports the drawing modules
+    meanwhile; yield None if it is not ``wanted`` or there is only one core."""
     if not wanted or (os.cpu_count() or 1) == 1:
         yield None
         return
@@ -78,7 +78,8 @@ def draw_figures(
     suffix: str = ".png",
     second: "Executor | None" = None,
 ) -> list[Path]:
-    """Draw bands of histories, cases beyond requirements, convergence of means, and histograms.
+    """Draw the figures of a run: bands of histories, cases beyond requirements, convergence of
+    means, and histograms.
 
     Parameters
     ----------
@@ -100,11 +101,11 @@ def draw_figures(
     converging : bool
         Draw how means converge.
     page : Path, optional
-        Folder for the figures of a report, in its style, instead of the run folder.
+        Folder for the figures of a report, as SVG, instead of the run folder.
     suffix : str
-        Ending of the files.
+        Ending of the files, which gives their format; not used with ``page``.
     second : Executor, optional
-        Process that draws the histograms meanwhile.
+        Process that draws the histograms while this one draws the rest.
 
     Returns
     -------
@@ -121,7 +122,7 @@ def draw_figures(
     count = 0 if not converging else _CONVERGING_IN_REPORT if page else _CONVERGING
     converged = [name for name in outcomes if not is_constant(table, name)][:count]
     if len(outcomes) > _DRAWN and not every:
-        log(f"histograms of the first {_DRAWN} outcomes; sepmc plot {folder} --all: of all")
+        log(f"histograms of the first {_DRAWN} outcomes; of all: sepmc plot {folder} --all")
         outcomes = outcomes[:_DRAWN]
     histograms = partial(
         _draw_histograms,
@@ -143,7 +144,8 @@ def draw_figures(
 
 
 def clearance_bounds(campaign: "Campaign") -> dict[str, list[float]]:
-    """Return the required bounds of clearances over time; no recontact is a clearance above 0."""
+    """Return the required bounds by outcome; for a requirement on recontact, the bound 0 of the
+    clearance in mm is added. For figures of clearances over time."""
     from sepmc.analysis.requirements import required_bounds
 
     bounds = required_bounds(campaign.file.requirements)
@@ -154,8 +156,8 @@ def clearance_bounds(campaign: "Campaign") -> dict[str, list[float]]:
 
 
 def event_times(history: Mapping[Any, Any]) -> dict[str, float]:
-    """Return the times (s) of releases and events by their label in figures, from the ``attrs`` of
-    a history or the manifest of a single case."""
+    """Return the times (s) of the releases and events that occurred, by their label in figures;
+    ``history`` is the ``attrs`` of a history table or the manifest of a single case."""
     releases = {f"release of {joint}": t for joint, t in history.get("releases", {}).items()}
     for name, t in history.get("partial_releases", {}).items():
         joint, _, kind = name.partition(".")
@@ -165,8 +167,8 @@ def event_times(history: Mapping[Any, Any]) -> dict[str, float]:
 
 
 def _submitted(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:
-    """Start some work in a second process, and return a function that waits for its result, or does
-    the work itself if the process has ended."""
+    """Start ``work`` in a second process, and return a function that waits for its result and
+    returns it. Without a process, or if it has ended, that function does the work itself."""
     if second is None:
         return work
     from concurrent.futures import BrokenExecutor
@@ -186,7 +188,8 @@ def _submitted(work: Callable[[], Any], second: "Executor | None") -> Callable[[
 
 
 def _draw_histograms(*arguments: Any, **options: Any) -> list[Path]:
-    """Call `sepmc.report.figures.histogram_figures`, imported by the process that draws."""
+    """Call `sepmc.report.figures.histogram_figures`, which is imported in the process that draws;
+    returns the files written."""
     from sepmc.report.figures import histogram_figures
 
     return histogram_figures(*arguments, **options)
@@ -195,7 +198,8 @@ def _draw_histograms(*arguments: Any, **options: Any) -> list[Path]:
 def _draw_bands(
     folder: Path, into: Path, units: dict[str, str], about: str, suffix: str
 ) -> list[Path]:
-    """Draw percentile bands of the histories stored in a run folder; returns the files written."""
+    """Draw percentile bands of the histories that a run folder stores into the folder ``into``;
+    returns the files written, none without histories."""
     from sepmc.campaign.store import shards
 
     below = shards.case_after(folder, _BANDED)
@@ -218,9 +222,12 @@ def draw_fractions(
     suffix: str,
     constants: Mapping[str, float],
 ) -> list[Path]:
-    """Draw the fraction of cases beyond each requirement, and how the means of the ``converged``
-    outcomes converge; nothing if the run has no rows. ``constants`` maps constant outcomes to their
-    values. Returns the files written into the folder ``into``."""
+    """Draw the fraction of cases beyond each value of the required outcomes, and how the means of
+    the outcomes ``converged`` converge with the number of cases.
+
+    Nothing is drawn if the run has no case rows. ``constants`` has the values of constant outcomes,
+    by name. Returns the files written into the folder ``into``.
+    """
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
@@ -249,7 +256,7 @@ def draw_fractions(
 
 
 def run_title(folder: Path) -> str:
-    """Return the title of a run in figures."""
+    """Return the title of the run in a folder, for figures."""
     from sepmc.campaign.label import of_run
     from sepmc.campaign.store import manifests
 
@@ -257,9 +264,13 @@ def run_title(folder: Path) -> str:
 
 
 def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
-    """Return the names of outcomes in the order in which a review asks for them: required outcomes,
-    then those with a reference or, without one, those that vary by more than their numerical error:
-    formulas of the file, then the others by rank. Outcomes that are yes or no are left out."""
+    """Return names of outcomes, the most important for a review first.
+
+    Required outcomes come first. If the campaign has reference values, those with a reference
+    follow; otherwise those that vary by more than their numerical error: formulas of the file, then
+    the others by kind, without outcomes whose statistics equal those of an earlier one. Outcomes
+    that are yes or no are left out.
+    """
     from sepmc.analysis.constant_outcomes import is_constant
 
     names = [str(name) for name in table.index if not is_yes_or_no(str(name))]
@@ -277,8 +288,8 @@ def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
 
 
 def _distinct(names: list[str], table: "pd.DataFrame") -> list[str]:
-    """Return the first of each set of outcomes with equal statistics, such as rates of two bodies
-    that move as one."""
+    """Return the names without those whose statistics equal those of an earlier name, such as the
+    rates of two bodies that move as one."""
     first: dict[tuple[str, ...], str] = {}
     for name in names:
         row = table.loc[name].astype(float)
@@ -288,8 +299,9 @@ def _distinct(names: list[str], table: "pd.DataFrame") -> list[str]:
 
 
 def _rank(outcome: str, events: tuple[str, ...]) -> float:
-    """Return the rank of an outcome; the lowest comes first. Outcomes of ``events`` (prefixes of
-    their names) come just before those of the same kind."""
+    """Return the rank of an outcome by the kind that its name shows; lower is more important.
+    Outcomes of observation events, whose names begin with one of the prefixes ``events``, come just
+    before those of the same kind."""
     if outcome.startswith(events):
         for part, kind in _EVENT_KINDS:
             if part in outcome:

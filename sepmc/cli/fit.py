@@ -16,10 +16,10 @@ _SHOWN = 12  # outcomes on the screen unless some are named
 @RUN
 @OUTCOMES
 def fit(folder: Path, outcomes: tuple[str, ...]) -> None:
-    """Fit distributions to each OUTCOME of RUN, or to the most important ones: skewness and
-    kurtosis (with one standard error, if it is normal), a test for normality, the nearest of six
-    distributions, and its 99.865 % point beside that of the cases. Writes distributions.csv, of
-    all outcomes, into RUN.
+    """Fit distributions to each OUTCOME of RUN, by default to the most important ones: skewness and
+    kurtosis (each with its standard error for a normal distribution), a test for normality, the
+    nearest of six distributions, and its 99.865 % point beside that of the cases. Writes
+    distributions.csv, with all outcomes, into RUN.
 
     \b
     Example:

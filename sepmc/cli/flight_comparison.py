@@ -1,4 +1,5 @@
-"""A run and the telemetry of a flight. Heavy modules are imported at use."""
+"""`sepmc compare RUN --data FILE`: a run and the telemetry of a flight. Heavy modules are imported
+at use."""
 
 import json
 import math
@@ -31,7 +32,11 @@ def compare_with_flight(
     overwrite: bool,
     log: "Log",
 ) -> None:
-    """Compare a run with the telemetry of a flight; write the files, and print what they say."""
+    """Compare the run in ``folder`` with the telemetry of a flight, print the result, and write
+    ``telemetry.csv``, ``.json`` and ``.png`` into ``out``, the run folder if None.
+
+    ``maps`` are texts COLUMN=CHANNEL. Other parameters are those of `Result.compare_flight`.
+    """
     from sepmc.campaign.store import folders, manifests
     from sepmc.campaign.stored_result import open_run
     from sepmc.report.flight_figure import draw_flight
@@ -61,20 +66,22 @@ def compare_with_flight(
 
 
 def _mapping(maps: tuple[str, ...]) -> dict[str, str]:
-    """Channels by column from ``COLUMN=CHANNEL``."""
+    """Return the channels of the file by history column, from texts ``COLUMN=CHANNEL``. Raises
+    UsageError for another form, or a second channel for a column."""
     mapping = dict[str, str]()
     for text in maps:
         column, equal, channel = (part.strip() for part in text.partition("="))
         if not equal:
             raise click.UsageError(f"--map {text}: must be COLUMN=CHANNEL")
         if column in mapping:
-            raise click.UsageError(f"--map {text}: a second channel for {column}")
+            raise click.UsageError(f"--map {text}: is a second channel for {column}; give one")
         mapping[column] = channel
     return mapping
 
 
 def render_flight(comparison: "FlightComparison", width: int, folder: Path) -> str:
-    """Return the comparison of the run in a folder with a flight as text."""
+    """Return a comparison of the run in ``folder`` with a flight as text, lines of ``width``
+    characters: clock shift, notes, a table of the channels, and the nearest cases."""
     from textwrap import fill
 
     from sepmc.text_table import text_table
@@ -114,8 +121,8 @@ def render_flight(comparison: "FlightComparison", width: int, folder: Path) -> s
 
 
 def read_stored_flight(folder: Path) -> "FlightComparison | None":
-    """Return the comparison with a flight in a run folder; None if there is none, or its files were
-    changed."""
+    """Return the comparison with a flight that is stored in a run folder; None if there is none, or
+    its files were changed."""
     from sepmc.campaign.store import manifests
 
     if not all(manifests.is_recorded(folder, name) for name in _FILES[:2]):
@@ -129,8 +136,8 @@ def read_stored_flight(folder: Path) -> "FlightComparison | None":
 
 
 def check_options(two: Path | None, data: Path | None, others: dict[str, Any]) -> None:
-    """Raise UsageError unless there is one of a second run and telemetry, and the options of
-    telemetry come with it."""
+    """Raise UsageError unless either a second run ``two`` or telemetry ``data`` is given, not both,
+    or if one of the options of telemetry, ``others`` by name, is given without telemetry."""
     if (two is None) == (data is None):
         raise click.UsageError("give RUN_B, or the telemetry of a flight by --data")
     given = [name for name, value in others.items() if value not in (None, (), CASES)]

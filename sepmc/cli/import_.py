@@ -1,4 +1,4 @@
-"""`sepmc import`: a file of the field as TOML of a campaign."""
+"""`sepmc import`: convert a file in a format of the field to TOML for a campaign."""
 
 from pathlib import Path
 from typing import Any
@@ -10,24 +10,27 @@ from sepmc.cli.options import check_out_file, overwrite_option
 _KINDS = ("motor", "aero", "air", "wind", "initial", "mass")
 
 
-@click.command(name="import", short_help="Write a file of the field as TOML of a campaign.")
+@click.command(name="import", short_help="Convert a file of the field to TOML for a campaign.")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--as", "kind", type=click.Choice(_KINDS), required=True, help="What it contains.")
+@click.option("--as", "kind", type=click.Choice(_KINDS), required=True, help="Content of FILE.")
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
-    help="A key beside the file, such as engine=C6, case=2 or total_impulse_N_s=12.",
+    help="A key that stands beside file in a campaign, such as engine=C6, case=2 or "
+    "total_impulse_N_s=12.",
 )
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="File to write. Default: the terminal."
+    "--out", type=click.Path(path_type=Path), help="TOML file to write. Default: print the TOML."
 )
 @overwrite_option("the file in --out")
 def import_(
     file: Path, kind: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
 ) -> None:
-    """Print the table that file = "FILE" stands for in a campaign, and what was understood.
+    """Convert FILE, such as a thrust curve, an aerodynamic deck or a sounding, to the TOML table
+    that file = "FILE" stands for in a campaign, and print it. Comments on standard error say how
+    FILE was interpreted.
 
     \b
     Examples:

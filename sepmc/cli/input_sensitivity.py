@@ -1,4 +1,4 @@
-"""Which inputs drive the outcomes of a run, and which distinguish its failures."""
+"""Analysis of a run: inputs that drive its outcomes, and inputs that distinguish its failures."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,17 +23,19 @@ _DEFAULT = 4  # outcomes that are analysed unless some are named
 
 @dataclass
 class InputSensitivity:
-    """Sensitivities of outcomes, and attribution of failures.
+    """Sensitivities of outcomes to inputs, and attribution of failures to inputs.
+
+    A kind of failure is the name of a requirement that is violated, a status other than ok, or
+    ``REQUIREMENT, missing``: cases without the required outcome.
 
     Attributes
     ----------
     sensitivities : dict of str to DataFrame
-        By outcome: a row per input.
+        By outcome: sensitivity measures, a row per input.
     attributions : dict of str to list of Attribution
-        By kind of failure (requirement, status, missing outcome): inputs that distinguish its
-        cases.
+        By kind of failure: inputs that distinguish its cases.
     failures : dict of str to str
-        By kind of failure: sentence on the number of its cases.
+        By kind of failure that occurred: text with the number of its cases.
     keys : dict of str to str
         TOML path of each input, by column.
     design : str
@@ -47,8 +49,8 @@ class InputSensitivity:
     design: str = "random"
 
     def texts(self, width: int) -> tuple[list[str], list[str]]:
-        """Render tables of ``width`` characters: one for each outcome's sensitivities, and one for
-        each kind of failure."""
+        """Return two lists of texts, tables of ``width`` characters: the sensitivities of each
+        outcome, and the attribution of each kind of failure."""
         return (
             [
                 sensitivity.render_sensitivities(table, name, self.keys, width=width)
@@ -63,8 +65,8 @@ class InputSensitivity:
         )
 
     def notes(self) -> list[str]:
-        """Return sentences on what figures do not show: how indices were estimated, and failures
-        that no input distinguishes."""
+        """Return sentences on what the figures do not show: how indices were estimated, and
+        failures that no input distinguishes."""
         notes = [
             f"{name}: {note}"
             for name, table in self.sensitivities.items()
@@ -78,7 +80,7 @@ class InputSensitivity:
 
 
 def check_outcomes(campaign: Campaign, names: tuple[str, ...]) -> None:
-    """Raise StoreError if a campaign lacks an outcome."""
+    """Raise StoreError if a campaign has no outcome of one of the ``names``."""
     known = [column.name for column in campaign.outcome_columns]
     for name in names:
         if name not in known:
@@ -88,9 +90,12 @@ def check_outcomes(campaign: Campaign, names: tuple[str, ...]) -> None:
 def analyse(
     folder: Path, campaign: Campaign, run: RunStatistics, names: tuple[str, ...] = ()
 ) -> InputSensitivity:
-    """Compute the sensitivities of the outcomes ``names`` of a run, by default of the first four by
-    rank, and attribute violations and failures to inputs. Raises StoreError for an unknown
-    outcome."""
+    """Compute the sensitivities of the outcomes ``names`` of a run, by default of the four most
+    important ones, and attribute violations and failures to inputs.
+
+    An outcome whose sensitivities cannot be computed is left out with a printed warning. Raises
+    StoreError for an unknown outcome.
+    """
     rows, table, design = shards.CaseColumns(folder), run.table, campaign.design
     check_outcomes(campaign, names)
     keys = {d.parameter.column: d.parameter.key for d in campaign.file.dispersions}
@@ -136,8 +141,9 @@ def analyse(
 def draw_sensitivities(
     drivers: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw tornado charts, and outcomes over their leading inputs, of the run in ``folder`` into
-    the folder ``into``; returns the files written."""
+    """Draw tornado charts of the sensitivities of a run, and scatter plots of outcomes over their
+    leading inputs, into the folder ``into``; returns the files written, none without
+    sensitivities."""
     if not drivers.sensitivities:
         return []
     units = {c.name: c.unit for c in campaign.outcome_columns}
@@ -163,8 +169,8 @@ def draw_sensitivities(
 def draw_attributions(
     drivers: InputSensitivity, folder: Path, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw the inputs that distinguish the failed cases of the run in ``folder`` into the folder
-    ``into``; returns the files written."""
+    """Draw the inputs that distinguish violating and failed cases of a run into the folder
+    ``into``; returns the files written, none without such inputs."""
     known = {name: drivers.attributions[name] for name in drivers.failures}
     shown = {name: each for name, each in known.items() if each}
     if not shown:

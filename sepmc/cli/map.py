@@ -1,4 +1,4 @@
-"""`sepmc map`: verdicts over design variables."""
+"""`sepmc map`: judge the requirements of a campaign over one or two design variables."""
 
 import math
 from pathlib import Path
@@ -40,8 +40,8 @@ _CASES = 1000
 @click.option(
     "--max-cases",
     type=click.IntRange(min=1),
-    help="Cases of a design that is open with fewer, at most: they are doubled up to this number. "
-    "Default: no more.",
+    help="Largest number of cases of a design: it is doubled, up to this number, while the verdict "
+    "is open. Default: as --cases.",
 )
 @SEED
 @SETTINGS
@@ -64,13 +64,13 @@ def map_(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Judge each requirement of FILE at every point of a grid of designs: shown, refuted, or open
-    with these cases. With --max-cases, designs that are open get more of them, at a confidence that
-    is raised for the number of looks.
+    """Judge each requirement of FILE at every point of a grid of designs: shown, refuted, or open,
+    if the cases show neither. With --max-cases, designs that are open are run with more cases, at a
+    confidence that is raised for the number of these looks.
 
     KEY is a TOML path with its unit; * stands for any name. An option replaces the key of [map] in
-    FILE; --x replaces both axes. Cases with one number have the same random numbers in every
-    design. The verdict on a design that was chosen by a map needs another seed.
+    FILE; --x replaces both axes. Case N has the same random numbers in every design. To judge a
+    design that was chosen by a map, run it with another seed.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""Files and screen of `sepmc map`."""
+"""Files that `sepmc map` writes, and text that it prints."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from sepmc.schema import Column
 
 
 def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
-    """Write the table of a map, CSV or Parquet; return its path."""
+    """Write the table of a map as CSV or Parquet, by the ending of ``path``; return ``path``."""
     table = designs.table
     if path.suffix.lower() == ".csv":
         folders.write_text(path, table.to_csv(index=False))
@@ -38,13 +38,15 @@ def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
 
 
 def figure_paths(campaign: Campaign, path: Path) -> list[Path]:
-    """Paths of the figures of a map, beside its table: one for each requirement."""
+    """Return the paths of the figures of a map, one for each requirement: beside its table, which
+    is at ``path``."""
     names = [item.name for item in campaign.file.requirements]
     return [path.with_name(f"{path.stem}-{name}.png") for name in names]
 
 
 def write_figures(designs: DesignMap, campaign: Campaign, path: Path) -> list[Path]:
-    """Draw a figure for each requirement beside the table; return their paths."""
+    """Draw a figure of a map for each requirement, beside its table at ``path``; return the paths
+    of the figures."""
     from sepmc.report.map_figure import map_figure
 
     nominal = tuple(_nominal(campaign, axis.key) for axis in designs.axes)
@@ -56,20 +58,22 @@ def write_figures(designs: DesignMap, campaign: Campaign, path: Path) -> list[Pa
 
 
 def _sentence(campaign: Campaign, item: Requirement) -> str:
-    """A requirement in words."""
+    """Return a requirement as text."""
     units = {column.name: column.unit for column in campaign.outcome_columns}
     return requirement_sentence(item, units.get(item.metric, ""))
 
 
 def _nominal(campaign: Campaign, key: str) -> float | None:
-    """Nominal value of a design variable in its unit; None if its parameters differ."""
+    """Return the nominal value of the design variable ``key`` in its unit; None if the key names
+    several parameters with different values."""
     parameters = [find(campaign.scene, one) for one in matching_keys(campaign.file.tree, key)]
     values = {value(campaign.scene, each.path) / each.factor for each in parameters}
     return values.pop() if len(values) == 1 else None
 
 
 def render_map(designs: DesignMap, campaign: Campaign) -> str:
-    """Render the number of designs with each verdict, a line for each requirement."""
+    """Return a map as text: the numbers of designs and cases, and for each requirement the number
+    of designs at which it is shown, refuted or open."""
     lines = [
         f"{len(designs.table)} designs, {designs.cases_text}, seed {designs.seed}; largest "
         f"numerical error {designs.table['error'].max():.1e}"

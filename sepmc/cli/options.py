@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def _files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete FILE: shipped campaigns, and local files and folders."""
+    """Return the shell completions of the argument FILE: names of shipped campaigns that begin with
+    ``incomplete``, and local files and folders."""
     from sepmc.scene.campaign_files import shipped_campaigns
 
     shipped = [name for name in shipped_campaigns() if name.startswith(incomplete)]
@@ -23,14 +24,14 @@ def _files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[
 
 
 class CaseNumbers(click.ParamType):
-    """Number of cases, or which cases: 1000, 1e6, 25:50,73."""
+    """Option type: a number of cases (1000, 1e6) or case numbers (25:50,73)."""
 
     name = "N | A:B,C"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> "int | CaseSelection":
-        """Parse a number of cases (int) or case numbers (CaseSelection)."""
+        """Convert the text to a number of cases (int) or to case numbers (CaseSelection)."""
         from sepmc.campaign.case_selection import read
         from sepmc.scene.messages import InputError
 
@@ -41,12 +42,12 @@ class CaseNumbers(click.ParamType):
 
 
 class Folder(click.ParamType):
-    """Path of a folder, local or in object storage."""
+    """Option type: path of a folder, local or in object storage."""
 
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Parse a path."""
+        """Convert the text to a path."""
         from sepmc.paths import PathError, as_path
 
         try:
@@ -82,7 +83,7 @@ EVERY = click.option(
     type=click.FloatRange(min=0.0, min_open=True),
     default=0.001,
     show_default=True,
-    help="Time between rows of the history.",
+    help="Time between rows of the history, s.",
 )
 SETTINGS = click.option(
     "--set",
@@ -108,7 +109,7 @@ QUIET = click.option("--quiet", is_flag=True, help="Print errors only.")
 
 
 def overwrite_option(what: str) -> Any:
-    """Return the option ``--overwrite`` that replaces ``what``."""
+    """Return the option ``--overwrite``; ``what`` is the text in its help for what it replaces."""
     return click.option("--overwrite", is_flag=True, help=f"Replace {what}.")
 
 
@@ -116,8 +117,8 @@ OVERWRITE = overwrite_option("the run in --out")
 
 
 def out_file_option(default: str, kinds: str) -> Any:
-    """Return the option ``--out`` for a file to write, with the ``default`` name and the ``kinds``
-    of files that its help text lists."""
+    """Return the option ``--out`` for a file to write; its help text lists the ``default`` name and
+    the ``kinds`` of files."""
     return click.option(
         "--out",
         type=click.Path(path_type=Path),
@@ -128,8 +129,9 @@ def out_file_option(default: str, kinds: str) -> Any:
 def check_out_file(
     path: Path, endings: tuple[str, ...], overwrite: bool, other: str | None = None
 ) -> None:
-    """Raise InputError unless a file has one of some ``endings`` (any if empty), and does not exist
-    or may be overwritten. ``other`` is the argument that gives the path, by default ``--out``."""
+    """Raise InputError unless a file to write has one of the ``endings`` (any if empty), and does
+    not exist yet or ``overwrite`` is True. ``other`` is the argument that gives the path, for the
+    message; by default ``--out``."""
     from sepmc.scene.messages import InputError
 
     if endings and path.suffix.lower() not in endings:
@@ -146,9 +148,11 @@ def load_campaign(
     samples: Path | None = None,
     verify: bool = True,
 ) -> "Campaign":
-    """Read and validate a campaign file, run folder or shipped campaign, with ``settings`` of the
-    form PATH=VALUE, and print its warnings if ``warn``. The campaign of a run folder must be
-    unchanged if ``verify``."""
+    """Read and validate a campaign file, run folder or shipped campaign.
+
+    ``settings`` (texts PATH=VALUE), ``sampler`` and the table ``samples`` replace values of the
+    file. Its warnings are printed if ``warn``. If ``verify``, a run folder must be unchanged.
+    """
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.settings import parse_setting
 
@@ -188,6 +192,6 @@ def undispersed(campaign: "Campaign") -> list[str]:
 
 
 def check_required(campaign: "Campaign", must_pass: bool) -> None:
-    """Raise UsageError if requirements must pass and the campaign has none."""
+    """Raise UsageError if ``must_pass`` (``--check``) and the campaign has no requirement."""
     if must_pass and not campaign.file.requirements:
         raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")

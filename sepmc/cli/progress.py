@@ -1,4 +1,4 @@
-"""Progress on the terminal."""
+"""Bars and lines that show the progress of a command."""
 
 import sys
 import time
@@ -12,8 +12,9 @@ _EVERY_S = 5.0  # between lines of progress where there is no terminal
 
 @contextmanager
 def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """Context manager: yield a function (done, total, failures), all numbers of cases, that shows a
-    bar on a terminal, else prints lines; yield None if ``quiet``."""
+    """Context manager: yield a function to call with numbers of cases (done, total, failures). It
+    shows a bar on a terminal, else it prints a line every five seconds. Yield None if ``quiet``.
+    ``total`` is the number of cases until the first call."""
     if quiet:
         yield None
         return
@@ -55,8 +56,8 @@ def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], 
 
 @contextmanager
 def check_bar(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """Context manager: yield a function (name) that advances a bar of ``total`` named checks on a
-    terminal; yield None if ``quiet`` or elsewhere."""
+    """Context manager: yield a function to call with the name of each finished check, which
+    advances a bar of ``total`` checks. Yield None if ``quiet`` or without a terminal."""
     if quiet or not sys.stderr.isatty():
         yield None
         return

@@ -36,8 +36,9 @@ _EXCLUDED = {
 
 
 def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
-    """Estimate the probability of violating a requirement, into a folder, by the ``parameters`` of
-    `sepmc campaign`. Returns the exit code."""
+    """Estimate the probability that a requirement is violated, write the estimate into a folder,
+    and print it. ``parameters`` are the options of `sepmc campaign` by name. Returns the exit
+    code."""
     for other, name in _EXCLUDED.items():
         if parameters[other]:
             raise click.UsageError(f"--rare and --{name} exclude each other")

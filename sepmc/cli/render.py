@@ -1,4 +1,4 @@
-"""Results as text, and text on the screen. Heavy modules are imported at use."""
+"""Rendering of results as text, and printing of text. Heavy modules are imported at use."""
 
 import math
 import os
@@ -23,8 +23,8 @@ _STAGES = {"text": "kernel text", "steps": "step selection"}
 
 
 def screen_width() -> int:
-    """Return the width of tables in characters: that of the terminal, of the environment variable
-    COLUMNS, or the default."""
+    """Return the width of tables in characters: that of the terminal or of the environment variable
+    COLUMNS, at least 60; the default without both."""
     from sepmc.analysis.statistics_text import WIDTH
 
     if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
@@ -33,7 +33,8 @@ def screen_width() -> int:
 
 
 def for_screen(text: str) -> str:
-    """Fold long lines between words on a terminal; leave them whole elsewhere, for searching."""
+    """Return a text with long lines folded between words if output goes to a terminal; elsewhere
+    the text as it is, for searching."""
     if not sys.stdout.isatty():
         return text
     folds = TextWrapper(
@@ -45,23 +46,23 @@ def for_screen(text: str) -> str:
 
 
 def show(text: str) -> None:
-    """Print a text `for_screen`."""
+    """Print a text, with long lines folded on a terminal."""
     click.echo(for_screen(text))
 
 
 def logger(quiet: bool) -> "Log":
-    """Return a function that shows messages, or ignores them if ``quiet``."""
+    """Return a function that prints a message, or ignores it if ``quiet``."""
     return (lambda text: None) if quiet else show
 
 
 def warn(*messages: str) -> None:
-    """Print warnings."""
+    """Print each message as a warning to standard error."""
     for message in messages:
         click.echo(f"warning: {message}", err=True)
 
 
 def render_timing(result: "Result") -> str:
-    """Return a line of text with the number of cases of a run, and the seconds of each stage."""
+    """Return a line of text: the number of cases of a run, and the seconds that each stage took."""
     total = sum(result.status_counts.values())
     n_run = f", {total - result.resumed} of them run now" if result.resumed else ""
     return f"{total} cases{n_run}: " + ", ".join(
@@ -70,8 +71,11 @@ def render_timing(result: "Result") -> str:
 
 
 def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
-    """Return the steps and the numerical error of a run as a sentence, from the accuracy record of
-    its manifest and the names of its phases."""
+    """Return the numerical error and the integration steps of a run as text.
+
+    ``accuracy`` is that entry of the manifest of the run; ``phases`` are the names of the kernel
+    segments, by `sepmc.cli.results.phases`.
+    """
     # manifests without "methods" have one method for all phases
     methods = accuracy.get("methods") or len(phases) * [accuracy["method"]]
     steps, same = accuracy.get("steps", ()), len(set(methods)) == 1
@@ -110,14 +114,15 @@ def render_accuracy(accuracy: Mapping[str, Any], phases: Sequence[str]) -> str:
 
 
 def _error(number: float | None) -> str:
-    """Return the text of a relative error of a manifest, in which None stands for infinity."""
+    """Return the text of a relative error from a manifest; None there stands for infinity."""
     return f"{math.inf if number is None else number:.1e}"
 
 
 def render_case_error(
     outcomes: Mapping[str, float], errors: Mapping[str, float], campaign: "Campaign"
 ) -> str | None:
-    """Return the numerical error of one case as a sentence; None if no outcome has one."""
+    """Return a sentence on the largest relative error of one case, from its ``outcomes`` and their
+    ``errors`` by name; None if no outcome has a known error."""
     from sepmc.campaign.execution.accuracy import decisive
 
     columns, step = campaign.outcome_columns, campaign.scene.solver.step
@@ -138,8 +143,8 @@ def render_case_error(
 
 
 def render_rare_event(estimate: "RareEventEstimate") -> str:
-    """Return the text of a rare-event estimate: levels, probability with its interval, and inputs
-    of the violating cases."""
+    """Return a rare-event estimate as text: a table of the levels of subset simulation, the
+    probability with its interval, and the inputs of the violating cases."""
     from sepmc.analysis.subset_simulation import equivalent_direct_cases
 
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"
@@ -172,7 +177,7 @@ def render_rare_event(estimate: "RareEventEstimate") -> str:
         lines.append(
             f"{len(estimate.replicas)} independent replicas: {min(estimate.replicas):.2e} to "
             f"{max(estimate.replicas):.2e}"
-            + (f"; plain cases for the same interval: {plain:.1e}" if plain > 0.0 else "")
+            + (f"; random cases needed for this interval: {plain:.1e}" if plain > 0.0 else "")
         )
     if estimate.inputs:
         lines += ["", "inputs of the violating cases (normal scores; all cases: 0 +- 1):"]

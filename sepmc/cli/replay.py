@@ -47,9 +47,10 @@ def replay(
     quiet: bool,
     **ways: str | None,
 ) -> None:
-    """Simulate one case of RUN again with its time history. Its row is integrated again too, by the
-    compiled kernel of the campaign, and compared bit by bit. Figures show the nominal case behind
-    it. Exit code 1 if its status is not ok, or its row differs.
+    """Simulate one case of RUN again with its time history. To check its row in RUN, the compiled
+    kernel of the campaign integrates the case again too, and the row is compared bit by bit.
+    Figures show the nominal case behind it. Exit code 1 if its status is not ok, or its row
+    differs.
 
     \b
     Examples:
@@ -71,8 +72,11 @@ def replay(
 
 
 def _select(folder: Path, campaign: "Campaign", way: str, target: str) -> tuple[int, str]:
-    """Select a case of a run by a way (worst, min, max or nearest) and a requirement or outcome;
-    return its number and the reason."""
+    """Select a case of a run; return its number, and the end of a sentence that says why.
+
+    ``way`` is the option worst, min, max or nearest, and ``target`` its value: a requirement for
+    worst, an outcome for min and max, OUTCOME:AT for nearest.
+    """
     from sepmc.campaign import run_statistics
     from sepmc.campaign.execution import replay
     from sepmc.campaign.execution.accuracy import with_scales

@@ -1,4 +1,4 @@
-"""`sepmc report`: write the report of a run."""
+"""`sepmc report`: write the report of a run as one HTML page."""
 
 from pathlib import Path
 
@@ -13,7 +13,8 @@ _MOST = 100  # cases of --replays
 
 
 def _numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> list[int]:
-    """Read case numbers separated by commas."""
+    """Return the case numbers of the text ``3,17``, sorted; empty for None. Raises BadParameter for
+    other text, or too many numbers."""
     try:
         numbers = sorted({int(number) for number in value.split(",")}) if value else []
     except ValueError:
@@ -31,7 +32,7 @@ def _numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> l
     "numbers",
     metavar="N,N",
     callback=_numbers,
-    help="Simulate cases of these numbers again too, as 3,17.",
+    help="Also simulate the cases with these numbers again, such as 3,17.",
 )
 @QUIET
 def report(folder: Path, no_replay: bool, numbers: list[int], quiet: bool) -> None:

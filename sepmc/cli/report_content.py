@@ -1,4 +1,4 @@
-"""Content of the report of a run."""
+"""Content of the report of a run: statistics, figures and replays, gathered for the page."""
 
 import math
 import shlex
@@ -83,8 +83,11 @@ _ROWS = 400  # of their histories
 def write_report(
     folder: Path, campaign: Campaign, worst: bool, numbers: Sequence[int], log: Log
 ) -> Path:
-    """Write the report of a run; return its path. Its ``worst`` cases are simulated again, and
-    those of some ``numbers``. A second process draws the vehicle and the outcomes meanwhile."""
+    """Write the report of a run, ``report.html`` in its folder; return the path.
+
+    Cases with ``numbers`` are simulated again for it, and, if ``worst``, the worst cases of the
+    requirements. A second process draws the vehicle and the outcomes meanwhile.
+    """
     with TemporaryDirectory() as temporary, processes(1) as second:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
@@ -109,7 +112,8 @@ def write_report(
 
 
 def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
-    """Draw the vehicle, and the outcomes, of a run into a folder; return the paths of both."""
+    """Draw the vehicle and the outcomes of a run into the folder ``into``; return the paths of the
+    figures of the vehicle, and of those of the outcomes."""
     campaign = load_run(folder)
     run = run_statistics.read_run(folder, campaign)
     vehicle = draw_vehicle(
@@ -131,7 +135,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 def _content(
     campaign: Campaign, run: RunStatistics, drivers: InputSensitivity, folder: Path
 ) -> page.ReportContent:
-    """Collect the content of a report."""
+    """Return the content of the report of a run, still without points, replays and flight."""
     manifest, counts = run.manifest, run.summary.counts
     units = {column.name: column.unit for column in campaign.outcome_columns}
     source = campaign.file.reference.source if campaign.file.reference else "reference"
@@ -173,8 +177,8 @@ def _content(
 
 
 def tables_beside(folder: Path) -> list[page.PlainTable]:
-    """Return the tables of `sepmc scenarios` beside the run folder of its campaign, ``baseline``:
-    scenarios and limit cases; none of another run."""
+    """Return the tables of scenarios and of limit cases that `sepmc scenarios` wrote beside a run
+    folder; none unless the folder is that of the campaign itself, ``baseline``."""
     if folder.resolve().name != BASELINE:
         return []
     tables = []
@@ -198,7 +202,8 @@ def tables_beside(folder: Path) -> list[page.PlainTable]:
 
 
 def _cell(value: Any) -> str:
-    """Value of a stored table as text, a float to 5 digits; empty for NaN, a missing value."""
+    """Return a value of a stored table as text, a float with 5 digits; empty for NaN, which stands
+    for a missing value."""
     if isinstance(value, float):
         return "" if math.isnan(value) else f"{value:.5g}"
     return str(value)
@@ -207,7 +212,8 @@ def _cell(value: Any) -> str:
 def _points(
     campaign: Campaign, run: RunStatistics, folder: Path, outcomes: Sequence[str]
 ) -> dict[str, Any]:
-    """Collect values of cases for the figure that zooms."""
+    """Return the values of inputs and ``outcomes`` of the cases, for the figure of the page that
+    can be zoomed (`sepmc.report.case_points.case_points`)."""
     return case_points(
         CaseColumns(folder),
         [name for name in outcomes if not is_constant(run.table, name)],
@@ -218,7 +224,12 @@ def _points(
 
 
 def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:
-    """Return title and reason of the worst cases of the requirements, by number."""
+    """Choose the worst cases of requirements to show over time: at most two, up to four if more
+    requirements fail; those of failing requirements come first.
+
+    Returns, by case number, its title in the report, and the end of a log message with the reason
+    of the choice.
+    """
     verdicts = [v for v in run.verdicts if v.worst_case is not None and v.metric != VIOLATION]
     # requirements that fail come first, then violated ones; of each, cases that have the outcome
     verdicts.sort(key=lambda v: (v.verdict != FAIL, not v.violations, v.worst is None))
@@ -244,8 +255,11 @@ def _replay(
     into: Path,
     log: Log,
 ) -> tuple[list[page.CaseReplay], dict[str, Any] | None]:
-    """Simulate some cases again, and the nominal one, and draw them into a folder; return their
-    replays."""
+    """Simulate cases again, and draw them over time into the folder ``into``.
+
+    ``cases`` has a title and the end of a log message by case number. Returns the replays of these
+    cases, and the replay data of the nominal case; an empty list and None without cases.
+    """
     if not cases:
         return [], None
     solver, every_s = campaign.scene.solver, campaign.scene.run.end_time / _ROWS

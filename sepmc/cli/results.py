@@ -1,4 +1,5 @@
-"""Statistics and verdicts of a run on the screen. Heavy modules are imported at use."""
+"""Printing of the statistics and verdicts of a run, and its exit code. Heavy modules are imported
+at use."""
 
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -21,7 +22,8 @@ ACCURACY_FAULT = "the requested accuracy was not met; see the warning above"
 
 
 def check_rows(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a run folder. Raises StoreError if the folder has no case rows."""
+    """Return the manifest of a run folder. Raises StoreError unless it contains the rows of all
+    cases: it may contain statistics only, a single case, or a rare-event estimate."""
     from sepmc.campaign.store import folders, manifests
 
     manifest = manifests.read_manifest(folder)
@@ -49,8 +51,9 @@ def check_rows(folder: Path) -> dict[str, Any]:
 def show_results(
     folder: Path, campaign: "Campaign", run: "RunStatistics", log: "Log", columns: str | None = None
 ) -> None:
-    """Show statistics, failures, audit, numerical error and verdicts of a run; statistics of the
-    outcomes that match the patterns ``columns`` only, if given."""
+    """Print statistics, failures, audit, numerical error and verdicts of a run by ``log``. If
+    ``columns`` is given (patterns separated by commas), statistics are only of the outcomes that
+    match it."""
     from sepmc.analysis import requirements_text
     from sepmc.analysis.statistics_text import render_audit, render_summary
     from sepmc.schema import Status
@@ -76,14 +79,15 @@ def show_results(
 
 
 def phases(campaign: "Campaign", accuracy: Any) -> list[str]:
-    """Return the names of the kernel segments, by default the phases, to which the steps of an
-    accuracy record of a manifest belong."""
+    """Return the names of the kernel segments of a run, from the entry ``accuracy`` of its
+    manifest; those of the phases of the campaign if it has no segments."""
     return accuracy.get("stages") or [phase.name for phase in campaign.scene.phase]
 
 
 def exit_code(run: "RunStatistics", must_pass: bool) -> int:
-    """Print the first fault of a run (no ok case, audit, accuracy), and return its exit code; 0 if
-    there is none. With ``must_pass`` a requirement whose verdict is not PASS is a fault, too."""
+    """Print the first fault of a run (no ok case, audit failed, accuracy not met), and return its
+    exit code; 0 if there is none. With ``must_pass`` a requirement whose verdict is not pass is a
+    fault, too."""
     from sepmc.analysis.requirements import PASS
     from sepmc.schema import Status
 
@@ -102,7 +106,7 @@ def exit_code(run: "RunStatistics", must_pass: bool) -> int:
         (
             must_pass and any(verdict.verdict != PASS for verdict in run.verdicts),
             FAILED,
-            "the cases do not show all that is required",
+            "the cases do not show every requirement",
         ),
     )
 
@@ -110,8 +114,9 @@ def exit_code(run: "RunStatistics", must_pass: bool) -> int:
 def show_selected(
     folder: Path, campaign: "Campaign", terms: tuple[str, ...], columns: str | None, as_json: bool
 ) -> None:
-    """Show statistics and verdicts of the cases of a run that satisfy all ``terms``, as tables or
-    in the form of ``statistics.json``."""
+    """Print statistics and verdicts of the cases of a run that satisfy all conditions ``terms``, as
+    tables or, if ``as_json``, in the form of ``statistics.json``. Raises InputError if there are
+    none."""
     import pandas as pd
 
     from sepmc.analysis import requirements_text, row_filter
@@ -141,7 +146,7 @@ def show_selected(
     if as_json:
         click.echo(folders.json_text({"where": list(terms)} | run.as_json(units, table)), nl=False)
         return
-    show(f"{condition}: {selected.sum()} of {cases.rows} cases")
+    show(f"{condition}: satisfied by {selected.sum()} of {cases.rows} cases")
     for message in row_filter.assumed_units(names, terms):
         show(message)
     if ok_rows(cases)[selected].any():
@@ -162,9 +167,9 @@ def show_selected(
 
 
 def matching(table: "pd.DataFrame", columns: str | None) -> "pd.DataFrame":
-    """Return the rows of a table of statistics whose outcomes match one of the patterns
-    ``columns``, separated by commas; all rows if None. Raises InputError if a pattern matches
-    none."""
+    """Return the rows of a table of statistics whose outcomes match a pattern of ``columns``, a
+    text of patterns separated by commas; all rows if None. Raises InputError if a pattern matches
+    no outcome."""
     from sepmc.scene.messages import InputError, nearest
 
     if columns is None:

@@ -46,7 +46,8 @@ def run(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Simulate one case of FILE and write its time history. Exit code 1 if its status is not ok.
+    """Simulate one case of FILE, and write its time history into a folder. Exit code 1 if its
+    status is not ok.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""`sepmc sample`: write the table of inputs of a campaign."""
+"""`sepmc sample`: write the sampled inputs of the cases of a campaign as a table."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,9 +38,9 @@ def sample(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Write the table of inputs of FILE's cases, one row per case: columns case and in_..., in the
-    units of the file. sepmc campaign FILE --samples TABLE runs exactly these cases. A table from
-    another program can give any of the inputs of [dispersion].
+    """Write the sampled inputs of FILE's cases as a table, one row per case: columns case and
+    in_..., in the units of the file. sepmc campaign FILE --samples TABLE runs exactly these cases.
+    A table from another program can give any of the inputs of [dispersion] in the same way.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""Screen of `sepmc scenarios`."""
+"""Text that `sepmc scenarios` prints."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -17,8 +17,8 @@ _LIMITS_SHOWN = 6  # limit cases of each requirement, at least
 
 
 def render_scenarios(runs: ScenarioRuns) -> str:
-    """Render the counts and verdicts of each scenario, a row each, and what is required: of all,
-    and of a scenario that changes it."""
+    """Return text on the runs of scenarios: a table of counts and verdicts, a row each; then the
+    requirements of the campaign, those that a scenario changes, and the titles."""
     required = {name: one.campaign.file.requirements for name, one in runs.results.items()}
     common = required[BASELINE]
     names = list(dict.fromkeys(item.name for items in required.values() for item in items))
@@ -48,8 +48,9 @@ def render_scenarios(runs: ScenarioRuns) -> str:
 
 
 def render_limits(limits: LimitCases, campaign: Campaign) -> str:
-    """Render limit cases, a row each with the outcome of each requirement; of many inputs those
-    with the smallest margins. Combinations are named below."""
+    """Return text on limit cases: a table with the outcome of each requirement, a row per case;
+    then the inputs of the worst combinations, and the requirements. If there are many cases, only
+    the nominal one, the violating ones, and those with the smallest margins are shown."""
     table, names = limits.table, [item.name for item in limits.requirements]
     is_worst = table["limit"].str.startswith(WORST)
     shown = is_worst | (table["limit"] == NOMINAL) | (table[names] != MET).any(axis=1)
@@ -75,7 +76,8 @@ def render_limits(limits: LimitCases, campaign: Campaign) -> str:
 
 
 def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
-    """Outcome, margin, and verdict unless it is met, of a limit case."""
+    """Return text on a limit case and requirement ``name``: outcome, margin in parentheses and, if
+    it is not met, the verdict; only the verdict without an outcome."""
     verdict, value = row[name], row[f"{name}_outcome"]
     if math.isnan(value):
         return str(verdict)
@@ -84,6 +86,6 @@ def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
 
 
 def verdicts_pass(runs: ScenarioRuns) -> bool:
-    """Return True if every requirement is shown in every scenario."""
+    """Return True if every verdict in every scenario is pass."""
     verdicts = [one.requirements().get("verdict") for one in runs.results.values()]
     return all(one is not None and bool((one == PASS).all()) for one in verdicts)

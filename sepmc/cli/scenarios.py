@@ -1,4 +1,4 @@
-"""`sepmc scenarios`: a campaign and its failure cases side by side."""
+"""`sepmc scenarios`: run a campaign and its failure cases, and show verdicts side by side."""
 
 import sys
 from pathlib import Path
@@ -23,8 +23,8 @@ from sepmc.cli.options import CASES, CHECK, FILE, QUIET, SEED, SETTINGS, THREADS
     "--limits",
     "with_limits",
     is_flag=True,
-    help="Also simulate every input at its low and high end, and the worst combination found for "
-    "each requirement.",
+    help="Also simulate every input at its low and high end, one at a time, and the worst "
+    "combination found for each requirement.",
 )
 @click.option("--resume", is_flag=True, help="Run only the cases missing in --out.")
 @CHECK
@@ -44,12 +44,13 @@ def scenarios(
     """Run the dispersed cases of FILE, and those of each of its [[scenario]] tables, into a folder
     with a run folder for each, and print the verdicts side by side.
 
-    All have the same random numbers, so that their differences are those of the scenarios. Each
-    run folder works with every command that takes one.
+    All runs have the same random numbers, so that they differ only by the scenarios. Each run
+    folder works with every command that takes one.
 
-    --limits adds limit cases of FILE itself, with outcomes and margins: inputs at their ends one at
-    a time, the others nominal, and in the worst combinations found. They need no [[scenario]], and
-    --check does not judge them. limits.csv in the folder is a table for --samples.
+    --limits adds limit cases of FILE itself, with outcomes and margins: one input at its low or
+    high end and the others nominal, and the worst combinations of ends found. They need no
+    [[scenario]], and --check does not judge them. limits.csv in the folder is a table for
+    --samples.
 
     \b
     Example:
@@ -67,7 +68,7 @@ def scenarios(
     from sepmc.wording import exists
 
     if resume and out is None:
-        raise click.UsageError("--resume needs --out, the folder meant")
+        raise click.UsageError("--resume needs --out, the folder to continue in")
     campaign = load_campaign(file, settings)
     check_required(campaign, must_pass)
     folder = out or folders.next_folder(f"{campaign.name}-scenarios")

@@ -1,4 +1,4 @@
-"""`sepmc sensitivity`: which inputs drive the outcomes of a run, and its failures."""
+"""`sepmc sensitivity`: rank the inputs that drive the outcomes of a run, and its failures."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,7 +77,8 @@ def sensitivity(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None
 
 
 def _stored(folder: Path, columns: list[str]) -> "pd.DataFrame":
-    """Read ``sensitivity.csv`` of a run; empty if it was changed or has other columns."""
+    """Return the table ``sensitivity.csv`` of a run folder; an empty table with ``columns`` if the
+    file is missing, was changed, or has other columns."""
     from contextlib import suppress
     from io import BytesIO
 

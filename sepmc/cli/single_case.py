@@ -1,4 +1,5 @@
-"""One case with its time history, in a folder of its own. Heavy modules are imported at use."""
+"""Simulation of one case into a folder of its own, with its history over time. Heavy modules are
+imported at use."""
 
 import time
 from dataclasses import dataclass
@@ -42,9 +43,10 @@ class SingleRun:
     plots : bool
         Draw figures.
     run : Path or None
-        Run folder whose row of the case is checked; figures then show the nominal case behind.
+        Run folder whose row of the case is checked against the simulation; figures then show the
+        nominal case behind. None: no check.
     animate : str or None
-        "gif" or "mp4" to write an animation, too.
+        Format of an animation to write, "gif" or "mp4"; None: no animation.
     """
 
     number: int | None
@@ -58,8 +60,8 @@ class SingleRun:
 
 
 def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
-    """Simulate a case, write its folder and show its outcomes. Returns the exit code: 1 if the
-    status is not ok, or the row differs from that of the run."""
+    """Simulate a case, write its folder, and print its outcomes. Returns the exit code: 1 if the
+    status is not ok, or the row of the case in ``single.run`` is not reproduced; else 0."""
     from sepmc import schema
     from sepmc.campaign.execution.accuracy import zero_below_error
     from sepmc.campaign.store import folders, manifests
@@ -128,7 +130,8 @@ def _write(
     history: "pd.DataFrame",
     single: SingleRun,
 ) -> None:
-    """Write the history of a case, its campaign file and its manifest."""
+    """Write the history of a case, its campaign file, its sample table if it has one, and its
+    manifest into a folder."""
     from sepmc import schema
     from sepmc.campaign.store import manifests, result_files, shards
 
@@ -153,8 +156,9 @@ def _write(
 
 
 def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool:
-    """Integrate a case again as its run did, show whether its row has the same bits, and return
-    False if it has not; True, too, if the kernel is not compiled here."""
+    """Integrate case ``number`` again in the way its run folder ``run`` did, and print whether its
+    row has the same bits. Returns False if a column differs; True if none does, or if the row was
+    not compared because the kernel of the run is not in the cache of compiled kernels."""
     from sepmc.campaign.execution import replay
     from sepmc.campaign.store import manifests
 
@@ -172,8 +176,8 @@ def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool
 
 
 def _other_versions(manifest: dict[str, Any]) -> str:
-    """Return a text of the versions and the machine of a run, from its manifest, that differ from
-    the present ones; empty if none does."""
+    """Return the versions and the machine of a run, from its manifest, that differ from the present
+    ones, as text: ``sepmc 1.2, numpy 2.0``; empty if none does."""
     from sepmc.campaign.store import manifests
 
     before, present = (
@@ -186,9 +190,12 @@ def _other_versions(manifest: dict[str, Any]) -> str:
 def check_stored(
     path: Path, number: int | None, seed: int | None, has_samples: bool = False
 ) -> None:
-    """Raise StoreError if a path is a run folder without the case ``number``; with a ``seed`` of
-    its own, or the nominal case (None), any is allowed. The folder of a rare-event estimate has
-    cases only if its table of inputs is given (``has_samples``)."""
+    """Raise StoreError if ``path`` is a run folder that does not contain case ``number``.
+
+    Any number is allowed if ``seed`` replaces that of the run, and None, the nominal case, always.
+    The folder of a rare-event estimate counts as containing cases only if its sample table is given
+    (``has_samples``).
+    """
     from sepmc.campaign.case_selection import parse
     from sepmc.campaign.store import folders, manifests
 

@@ -1,4 +1,4 @@
-"""`sepmc size`: the cheapest design that passes."""
+"""`sepmc size`: find the cheapest design that passes all requirements."""
 
 import sys
 from pathlib import Path
@@ -36,7 +36,8 @@ _CASES = 2000
     "--minimise",
     metavar="FORMULA",
     multiple=True,
-    help="Cost, a formula of the variables. Two or three of them give a front of designs.",
+    help="Cost, a formula of the names of the variables. Give it two or three times for a front of "
+    "designs.",
 )
 @click.option(
     "--subject-to",
@@ -47,8 +48,8 @@ _CASES = 2000
 @click.option(
     "--cases",
     type=click.IntRange(min=1),
-    help="Cases of every design in the search; the verdict takes four times as many. Default: "
-    f"{_CASES}.",
+    help="Cases of every design in the search; the run for the verdict has four times as many. "
+    f"Default: {_CASES}.",
 )
 @SEED
 @SETTINGS
@@ -76,11 +77,11 @@ def size(
     """Find the design with the smallest cost that passes all requirements of FILE, and judge it by
     a run with another seed than that of the search.
 
-    Several costs give a few designs of which none is better than another one in every cost, each
-    judged in this way, with a table and a figure beside --out.
+    Several costs give a few designs of which none is better than another one in every cost (a
+    front), each judged in this way; a table and a figure of them are written beside --out.
 
     An option replaces the key of [size] in FILE. KEY is a TOML path with its unit; * stands for any
-    name. With --check the command ends with code 1 unless the verdict shows every requirement.
+    name. With --check the exit code is 1 unless every verdict is pass.
 
     \b
     Example:

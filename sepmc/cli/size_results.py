@@ -1,4 +1,4 @@
-"""Screen of `sepmc size`."""
+"""Text that `sepmc size` prints, and the table of a trade-off that it writes."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 def render_sizing(
     sizing: Sizing, minimise: str, file: str, settings: Sequence[str], tree: dict[str, Any]
 ) -> str:
-    """Render the chosen design, its cost, and the verdicts of the run with fresh cases.
+    """Return a sizing as text: the chosen design, its cost, the verdicts of its run with another
+    seed, and the command that repeats that run.
 
-    ``settings`` are those of the command line, ``tree`` is that of the campaign."""
+    ``minimise`` is the formula of the cost, ``settings`` are the texts PATH=VALUE of the command
+    line, and ``tree`` is the TOML tree of the campaign."""
     lines = [f"{key} = {value:.6g}" for key, value in sizing.values.items()]
     accepted = int((sizing.searched["margin"] >= 0.0).sum())
     lines.append(
@@ -38,11 +40,11 @@ def render_sizing(
     ]
     lines += render_verdicts(sizing.verdicts)
     lines.append(
-        f"verdicts of {sizing.cases} cases of seed {sizing.seed}, which did not choose the design; "
-        f"confidence raised for {MAX_TRIES} tries"
+        f"verdicts of {sizing.cases} cases of seed {sizing.seed}, which were not used to choose "
+        f"the design; confidence raised for {MAX_TRIES} tries"
     )
     if not sizing.shown:
-        lines.append(f"not shown after {sizing.tries} searches: give more --cases")
+        lines.append(f"requirements not shown after {sizing.tries} searches: give more --cases")
     changed = [
         *other_settings(settings, sizing.values, tree),
         *(f"{key}={value:.17g}" for key, value in sizing.values.items()),
@@ -54,7 +56,8 @@ def render_sizing(
 
 
 def render_trade_off(result: TradeOff, variables: Sequence[Variable]) -> str:
-    """Render the designs of a front: values, costs, and verdicts."""
+    """Return the designs of a trade-off as text: a table of values, costs and verdicts, a row each;
+    then the formulas of the costs and the TOML paths of the variables."""
     costs = cost_names(len(result.minimise))
     verdicts = [str(name) for name in result.table if f"{name}_violations" in result.table]
     head = [*(one.name for one in variables), *costs, *verdicts, "seed"]
@@ -70,11 +73,12 @@ def render_trade_off(result: TradeOff, variables: Sequence[Variable]) -> str:
     lines += [f"{name} = {text}" for name, text in zip(costs, result.minimise, strict=True)]
     lines += [f"{one.name} = {one.key}" for one in variables]
     lines.append(
-        f"verdicts of {result.cases} cases of these seeds, which did not choose the designs; "
-        f"confidence raised for {result.tries} runs, so that it holds for all designs together"
+        f"verdicts of {result.cases} cases of these seeds, which were not used to choose the "
+        f"designs; confidence raised for {result.tries} runs, so that it holds for all designs "
+        "together"
     )
     if not result.shown:
-        lines.append("not all designs are shown: give more --cases")
+        lines.append("requirements are not shown for every design: give more --cases")
     return "\n".join(lines)
 
 
@@ -89,8 +93,9 @@ def write_trade_off(result: TradeOff, campaign: Campaign, path: Path) -> Path:
 
 
 def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
-    """Render the verdicts of a run, a line for each requirement."""
-    head = ["requirement", "verdict", "violations", "may", "confidence"]
+    """Return the verdicts of a run (`Result.requirements`) as lines of a table, a row for each
+    requirement."""
+    head = ["requirement", "verdict", "violations", "allowed", "confidence"]
     rows = [
         [
             str(name),
@@ -107,7 +112,10 @@ def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
 def other_settings(
     settings: Sequence[str], design: Mapping[str, float], tree: dict[str, Any]
 ) -> list[str]:
-    """Settings, without those of numbers that a design replaces, in whatever unit."""
+    """Return the ``settings`` (texts PATH=VALUE) without those of parameters that a ``design``
+    (values by TOML path) replaces, also if in another unit. If a path with wildcards names some of
+    them, the settings of its other parameters remain, one by one; ``tree`` is the TOML tree of the
+    campaign."""
     replaced = {_path(key) for key in expand(dict(design), tree, Problems())}
     kept = []
     for setting in settings:
@@ -119,5 +127,5 @@ def other_settings(
 
 
 def _path(key: str) -> tuple[str, ...]:
-    """Keys of a path without units."""
+    """Return the keys of a TOML path, without units."""
     return split_units(parts(key))[0]

@@ -1,4 +1,4 @@
-"""`sepmc stats`: statistics of a run from its files."""
+"""`sepmc stats`: compute the statistics of a run again from its files."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ from sepmc.cli.results import check_rows, exit_code, show_results, show_selected
 @click.option(
     "--columns",
     metavar="PATTERN,...",
-    help="Show these outcomes only: 'upper_*,separation_*'. Files contain all of them.",
+    help="Print only these outcomes: 'upper_*,separation_*'. The files still contain all of them.",
 )
 @click.option(
     "--where",
@@ -54,7 +54,9 @@ def stats(
     check_required(campaign, must_pass)
     if terms:
         if must_pass:
-            raise click.UsageError("--check is of all cases, without --where")
+            raise click.UsageError(
+                "--check and --where exclude each other: --check judges all cases of the run"
+            )
         show_selected(folder, campaign, terms, columns, as_json)
         return
     summary = run_statistics.read_summary(folder, campaign)

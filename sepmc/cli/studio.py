@@ -1,4 +1,4 @@
-"""`sepmc studio`: a local page on which sliders change a campaign."""
+"""`sepmc studio`: open a local page on which sliders change a campaign."""
 
 import shlex
 from typing import Any
@@ -10,7 +10,8 @@ from sepmc.cli.options import FILE, QUIET, SEED, SETTINGS, THREADS, load_campaig
 
 
 def _parse_vary(text: str) -> tuple[str, tuple[float, float] | None]:
-    """Parse ``KEY`` or ``KEY=LOW:HIGH``. Raises InputError."""
+    """Parse the text ``KEY`` or ``KEY=LOW:HIGH``; return the key, and (low, high), or None if there
+    is no range. Raises InputError for another form."""
     from sepmc.scene.design_tables import parse_range
 
     if "=" not in text:
@@ -27,7 +28,8 @@ def _parse_vary(text: str) -> tuple[str, tuple[float, float] | None]:
     "varied",
     metavar="KEY[=LOW:HIGH]",
     multiple=True,
-    help="Parameter that has a slider at the start. Default: all dispersed ones.",
+    help="Parameter that has a slider at the start, and the ends of the slider. Default: all "
+    "dispersed parameters.",
 )
 @click.option(
     "--cases",
@@ -44,7 +46,7 @@ def _parse_vary(text: str) -> tuple[str, tuple[float, float] | None]:
     type=click.IntRange(min=0, max=65535),
     default=0,
     show_default=True,
-    help="Port of this machine; 0: any that is free.",
+    help="Port of this machine; 0: any free port.",
 )
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 @QUIET
@@ -59,8 +61,8 @@ def studio(
     no_browser: bool,
     quiet: bool,
 ) -> None:
-    """Open a page with sliders for values and spreads of the parameters of FILE; after each move
-    its cases run again, and histograms, verdicts and the worst case follow.
+    """Open a page with sliders for values and spreads of the parameters of FILE. After each move of
+    a slider the cases are run again, and histograms, verdicts and the worst case are updated.
 
     The page is served to this machine only, at an address with a secret token. Nothing is written;
     the page copies the settings as a command. Ctrl-C ends it.

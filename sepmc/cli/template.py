@@ -1,4 +1,4 @@
-"""`sepmc template` and `sepmc list`: a campaign to start from, and those that are shipped."""
+"""`sepmc template` writes a campaign to start from; `sepmc list` lists the shipped campaigns."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def template(file: Path, overwrite: bool) -> None:
 
 @click.command(name="list")
 def list_campaigns() -> None:
-    """List the campaigns that come with sepmc.
+    """List the campaigns that come with sepmc. Each name can be given as FILE to a command.
 
     \b
     Example:

@@ -17,8 +17,8 @@ from sepmc.cli.progress import check_bar
 @BRIEF
 @QUIET
 def verify(brief: bool, quiet: bool) -> None:
-    """Check the engine against closed forms, classical formulations and conservation laws: one
-    table, exit code 1 if a line fails.
+    """Check the engine against closed forms, classical formulations and conservation laws. Prints
+    one table, a line per check; exit code 1 if a line fails.
 
     \b
     Example:
@@ -36,8 +36,8 @@ def verify(brief: bool, quiet: bool) -> None:
 @BRIEF
 @QUIET
 def stress(brief: bool, quiet: bool) -> None:
-    """Run hard inputs: each is accurate to its bound or flagged; exit code 1 if one is silently
-    wrong.
+    """Run hard inputs, and print for each whether its result is accurate to its bound, flagged as
+    uncertain, or silently wrong; exit code 1 if one is silently wrong.
 
     \b
     Example:
@@ -60,9 +60,12 @@ def _run(
     quiet: bool,
     in_this_process: Iterable[str] = (),
 ) -> list[Any]:
-    """Run ``function(name)`` for each of the groups ``names`` of a suite, some ``in_this_process``
-    and the others beside it, with a bar; print the table, or one row per group if ``brief``, and
-    return the lines of all groups."""
+    """Run groups of checks, print their table, and return the lines of all groups.
+
+    ``function(name)`` runs the group of a name; those ``in_this_process`` run here, the others in
+    processes beside it. ``suite`` is the module that renders tables; if ``brief``, a table has a
+    row per group instead of a row per line.
+    """
     from sepmc.validation.groups import side_by_side
 
     names = list(names)

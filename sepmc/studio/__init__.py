@@ -1,1 +1,1 @@
-"""A local page on which sliders change a campaign, and its cases run again."""
+"""The local page of `sepmc studio`: sliders change a campaign, and its cases are run again."""

@@ -1,5 +1,5 @@
-"""Answers to the page: cases with changed settings, their histograms and verdicts, a case over
-time, and verdicts over two values."""
+"""Answers to the questions of the page of `sepmc studio`: runs with changed settings, with their
+histograms and verdicts, a case over time, and verdicts over two values."""
 
 import math
 import threading
@@ -49,19 +49,21 @@ _STATISTICS = (
 
 
 class Question(msgspec.Struct, forbid_unknown_fields=True):
-    """Positions of the sliders, and what is asked.
+    """A question of the page: positions of its sliders, and the fields that a method of `Studio`
+    needs.
 
     Attributes
     ----------
     values, spreads : dict of str to float
-        See `sepmc.studio.sliders.moved_campaign`.
+        Positions of the sliders that were moved; see `sepmc.studio.sliders.moved_campaign`.
     cases, seed : int
+        Number of cases of the run, and its seed.
     outcomes : tuple of str
         Outcomes to draw.
     case : int
-        Case to simulate over time.
+        Number of the case to simulate over time.
     axes : tuple of (key, low, high)
-        Two values to map.
+        Two design variables to map.
     key : str
         Parameter that gets a slider.
     """
@@ -77,24 +79,27 @@ class Question(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Studio:
-    """Runs a campaign with other settings; its methods answer the page, as data for JSON.
+    """Runs a campaign with other settings; its methods answer questions of the page with data that
+    can be written as JSON.
 
-    A run is that of ``campaign.with_settings(settings).run(cases, seed)``, bit by bit. Runs follow
-    one another; histories and maps are computed in a second process meanwhile.
+    A run equals ``campaign.with_settings(settings).run(cases, seed)`` bit by bit. One run follows
+    the other; histories and maps are computed in a second process meanwhile.
 
     Parameters
     ----------
     campaign : Campaign
     sliders : list of Slider
-        At the start.
+        Sliders at the start.
     rank : callable (campaign, statistics)
-        Names of the outcomes, the most important ones first.
+        Returns the names of the outcomes, the most important ones first.
     copies : callable (settings, cases, seed)
-        Texts that make a run: ``command``, of a command line, and ``python``.
+        Returns texts that make a run: ``command``, of a command line, and ``python``.
     second : Executor
         Second process.
     cases, seed : int
+        Number of cases and seed at the start.
     threads : int, optional
+        As for `Campaign.run`.
     """
 
     def __init__(
@@ -117,12 +122,13 @@ class Studio:
         self._case_s = 1.0  # seconds of a case in the last run
 
     def prepare(self, announce: Log) -> None:
-        """Compile the kernel, with messages, and run the cases of the file."""
+        """Run the campaign once without changes, so that the kernel is compiled and the time of a
+        case is known; ``announce`` is called with messages."""
         result = self.campaign.run(self.cases, self.seed, self._threads, announce=announce)
         self._case_s = result.timing["kernel"] / self.cases
 
     def start(self) -> dict[str, Any]:
-        """Content of the page at the start."""
+        """Return the values that the page is rendered with at the start."""
         return {
             "name": self.campaign.name,
             "title": self.campaign.file.title,
@@ -135,11 +141,13 @@ class Studio:
         }
 
     def slider(self, question: Question) -> dict[str, Any]:
-        """Slider of a parameter."""
+        """Return a slider for the parameter ``question.key``, as its fields by name. Raises
+        InputError if it cannot have one."""
         return make_slider(self.campaign, question.key).as_json()
 
     def run(self, question: Question) -> dict[str, Any]:
-        """Run the cases; histograms, statistics and verdicts."""
+        """Run the cases with the settings of the sliders; return settings, counts, notes, verdicts
+        and, for the outcomes to draw, histograms with statistics."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)
@@ -169,7 +177,8 @@ class Studio:
         }
 
     def replay(self, question: Question) -> list[dict[str, Any]]:
-        """Data of the replays of a case and of the nominal case."""
+        """Simulate the nominal case and ``question.case`` in the second process; return their
+        replay data."""
         campaign = self._changed(question)[0]
         work = self._second.submit(
             replays_of, campaign, question.case, question.seed, min(question.cases, MAX_CASES)
@@ -177,7 +186,8 @@ class Studio:
         return work.result()
 
     def map(self, question: Question) -> dict[str, Any]:
-        """Verdicts over two values."""
+        """Judge designs on a grid over the two values ``question.axes``, in the second process;
+        return what `verdicts_over` returns. Cases are few enough for it to take some seconds."""
         campaign = self._changed(question)[0]
         axes = [MapAxis(*axis, n) for axis, n in zip(question.axes, _GRID, strict=False)]
         designs = math.prod(axis.count for axis in axes)
@@ -186,8 +196,9 @@ class Studio:
         return self._second.submit(verdicts_over, campaign, axes, cases, question.seed).result()
 
     def settings(self, question: Question) -> dict[str, Any]:
-        """Changed settings, as a command, in Python and as a campaign file; both runs have cases
-        that did not choose them."""
+        """Return the changed settings as text: ``command`` and ``python``, which run them, and
+        ``toml``, the campaign file. The first two have the next seed, as these settings were chosen
+        with the cases of the present one."""
         campaign, settings, _ = self._changed(question)
         cases, seed = question.cases, question.seed + 1
         return {
@@ -196,7 +207,8 @@ class Studio:
         }
 
     def _changed(self, question: Question) -> tuple["Campaign", dict[str, Any], list[str]]:
-        """Campaign with the settings of the sliders, these settings, and warnings."""
+        """Return the campaign with the settings of the sliders, these settings by TOML path, and
+        warnings about them."""
         with self._running:  # warnings are caught by one thread at a time
             return moved_campaign(self.campaign, question.values, question.spreads)
 
@@ -205,7 +217,7 @@ class Studio:
 
 
 def _counts(result: "Result") -> list[str]:
-    """Number of cases of each status, in words."""
+    """Return texts with the number of cases of each status that occurred."""
     sentences = {status.label: status.sentence for status in Status}
     return [
         f"{count:,} {label}" + ("" if label == Status.OK.label else f": {sentences[label]}")
@@ -214,7 +226,7 @@ def _counts(result: "Result") -> list[str]:
 
 
 def _outcome(campaign: "Campaign", run: RunStatistics, name: str, unit: str) -> dict[str, Any]:
-    """Histogram, statistics and bounds of an outcome."""
+    """Return histogram, statistics and required bounds of an outcome, as data for the page."""
     histogram = collapse_constant(run.summary.histogram(name), run.table, name)
     words = to_words(name, unit)
     return {
@@ -227,12 +239,13 @@ def _outcome(campaign: "Campaign", run: RunStatistics, name: str, unit: str) -> 
 
 
 def _number(x: Any) -> float | None:
-    """Number for JSON; None if it is not finite."""
+    """Return a number for JSON; None if it is not finite."""
     return float(x) if np.isfinite(x) else None
 
 
 def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list[dict[str, Any]]:
-    """Data of the replays of the nominal case and of a case; for another process."""
+    """Simulate the nominal case and case ``number`` of a sample of ``total`` cases; return their
+    replay data, without cases that have no history. Called in a second process."""
     from sepmc.report.replay_data import replay_data  # noqa: PLC0415  (matplotlib)
 
     if campaign.scene.solver.step is None and campaign.scene.solver.accuracy < _ACCURACY:
@@ -252,8 +265,9 @@ def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list
 def verdicts_over(
     campaign: "Campaign", axes: list[MapAxis], cases: int, seed: int
 ) -> dict[str, Any]:
-    """Verdict and fraction of violating cases of each requirement over two values; for another
-    process."""
+    """Judge the designs of a grid over two values; return, by requirement, the verdicts and the
+    fractions of violating cases as nested lists (rows of the second axis), and the axes. Called in
+    a second process."""
     designs = map_designs(campaign, axes, cases, seed, announce=no_log)
     return {
         "cases": cases,
@@ -269,5 +283,5 @@ def verdicts_over(
 
 
 def as_json(data: Mapping[str, Any] | list[Any]) -> bytes:
-    """JSON text of an answer."""
+    """Return an answer as JSON text."""
     return msgspec.json.encode(data)

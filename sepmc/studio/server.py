@@ -1,7 +1,8 @@
-"""HTTP server of the page, on this machine alone.
+"""HTTP server of the page of `sepmc studio`, for this machine alone.
 
-Every request needs the token of the address and the host that the server is bound to: another page
-in the same browser knows neither (DNS rebinding), and no other machine can connect.
+Every request needs the token, which is part of the address, and the host name that the server is
+bound to. Another page in the same browser knows neither (DNS rebinding), and no other machine can
+connect.
 """
 
 import secrets
@@ -42,13 +43,14 @@ _QUESTIONS = ("run", "replay", "map", "slider", "settings")
 
 
 class Server(ThreadingHTTPServer):
-    """Server of a studio; bound to a port of this machine, and not yet serving.
+    """HTTP server of a studio. A new one is bound to a port of this machine, but not yet serving.
 
     Parameters
     ----------
     studio : Studio
+        Answers the questions of the page.
     port : int
-        0: any that is free.
+        Port to bind to; 0: any free one.
 
     Raises
     ------
@@ -75,7 +77,7 @@ class Server(ThreadingHTTPServer):
             self.files[name] = (_SCRIPT, resource(name, package).encode())
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore a connection that the browser has closed."""
+        """Ignore an error of a request, such as a connection that the browser has closed."""
 
     @property
     def address(self) -> str:
@@ -84,14 +86,15 @@ class Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers a request."""
+    """Answers the requests of one connection."""
 
     protocol_version, server_version, sys_version = "HTTP/1.1", "sepmc", ""
     timeout = _IDLE_S
     server: Server
 
     def parse_request(self) -> bool:
-        """Read a request; refuse it without the token and the host of this server."""
+        """Read a request and set `name`, the path after the token. Returns False, after refusing
+        it, for a request that lacks the token or does not come from the page of this server."""
         if not super().parse_request():
             return False
         empty, _, path = self.path.partition("/")
@@ -104,11 +107,11 @@ class _Handler(BaseHTTPRequestHandler):
             and origin in (None, *(f"http://{host}" for host in self.server.hosts))
         )
         if not allowed:
-            self._refuse(Http.FORBIDDEN, "the address needs the token that sepmc printed")
+            self._refuse(Http.FORBIDDEN, "the address must contain the token that sepmc printed")
         return allowed
 
     def do_GET(self) -> None:
-        """Send the page or a script, or the message of the run in progress."""
+        """Send the page, a script, or the latest message of the run in progress as JSON."""
         if self.name == "message":
             self._send(Http.OK, _JSON, as_json({"message": self.server.studio.message}))
         elif self.name in self.server.files:
@@ -117,13 +120,14 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(Http.NOT_FOUND, "no such page")
 
     def do_POST(self) -> None:
-        """Answer a question."""
+        """Send the answer of the studio to a question, both as JSON; an error is sent as its
+        message."""
         size = self.headers.get("Content-Length", "")
         if self.name not in _QUESTIONS:
             return self._refuse(Http.NOT_FOUND, "no such question")
         is_short = size.isascii() and size.isdigit() and len(size) <= _DIGITS
         if not (is_short and int(size) <= _MAX_BODY):
-            return self._refuse(Http.REQUEST_ENTITY_TOO_LARGE, "a question has a short body")
+            return self._refuse(Http.REQUEST_ENTITY_TOO_LARGE, "a question must have a short body")
         body = self.rfile.read(int(size))
         ask: Callable[[Question], Any] = getattr(self.server.studio, self.name)
         try:
@@ -138,12 +142,13 @@ class _Handler(BaseHTTPRequestHandler):
         return None
 
     def _refuse(self, status: Http, reason: str) -> None:
-        """Send a reason, and close the connection, whose body was not read."""
+        """Send a status with a reason as text, and close the connection, as the body of the request
+        was not read."""
         self.close_connection = True
         self._send(status, "text/plain", reason.encode())
 
     def _send(self, status: Http, kind: str, body: bytes) -> None:
-        """Send an answer."""
+        """Send an answer; ``kind`` is its media type, such as text/html."""
         self.send_response(status)
         for name, value in _HEADERS.items():
             self.send_header(name, value)

@@ -1,4 +1,5 @@
-"""Sliders of the page: values and spreads of parameters, and the settings that they stand for."""
+"""Sliders of the page of `sepmc studio`: values and spreads of parameters, and the settings of the
+campaign that their positions stand for."""
 
 import math
 import warnings
@@ -26,19 +27,20 @@ _HALVINGS = 40
 
 @dataclass(frozen=True)
 class Slider:
-    """A parameter that the page changes.
+    """Slider of a parameter: changes its value and, if it is dispersed, its spread.
 
     Attributes
     ----------
     key : str
         TOML path with its unit; ``*`` stands for any name.
     unit : str
+        Unit of the key; empty without one.
     value, low, high : float
         Nominal value in the file, and ends of the slider, in that unit.
     distribution : str
-        Of the file, in words; empty if it is not dispersed.
+        Distribution in the file, as text; empty if the parameter is not dispersed.
     spread : str
-        Key of the distribution whose spread can be scaled; empty if there is none.
+        Key of the distribution if its spread can be scaled; else empty.
     """
 
     key: str
@@ -50,12 +52,13 @@ class Slider:
     spread: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """Fields by name."""
+        """Return the fields by name."""
         return asdict(self)
 
 
 def available_keys(campaign: "Campaign") -> list[str]:
-    """Keys of the parameters that can have a slider."""
+    """Return the keys of the parameters that can have a slider: finite numbers that do not change
+    the structure of the scene."""
     numbers = all_parameters(campaign.scene, campaign.file.tree)
     own = {d.parameter.path: d.parameter.key for d in campaign.file.dispersions}
     return [
@@ -68,8 +71,8 @@ def available_keys(campaign: "Campaign") -> list[str]:
 def first_sliders(
     campaign: "Campaign", vary: Mapping[str, tuple[float, float] | None]
 ) -> list[Slider]:
-    """Sliders at the start: those of ``vary``, with their ends if given; by default all dispersed
-    parameters that can have one."""
+    """Return the sliders at the start: one for each key of ``vary``, with the ends given there
+    unless None; if it is empty, one for each dispersed parameter that can have a slider."""
     if vary:
         return [make_slider(campaign, key, ends) for key, ends in vary.items()]
     return [
@@ -80,7 +83,7 @@ def first_sliders(
 
 
 def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None = None) -> Slider:
-    """Slider of a parameter.
+    """Make the slider of a parameter.
 
     Parameters
     ----------
@@ -88,7 +91,8 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     key : str
         TOML path with its unit; ``*`` stands for any name.
     ends : (float, float), optional
-        Ends of the slider; about the distribution or the value if None.
+        Ends of the slider. If None, they are chosen to include the distribution of the parameter,
+        or a quarter of the value to either side.
 
     Returns
     -------
@@ -97,7 +101,8 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     Raises
     ------
     InputError
-        If there is no such number, or its cases have separate or given values.
+        If there is no such number, it is not finite or changes the structure of the scene, or its
+        distribution is discrete or a column of a sample table.
     """
     (variable,) = design_variables(campaign, {key: ends or (0.0, 1.0)})
     parameter = variable.parameters[0]
@@ -107,7 +112,11 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     by_path = {d.parameter.path: d for d in campaign.file.dispersions}
     dispersion = by_path.get(parameter.path)
     if dispersion and (dispersion.column or dispersion.distribution == "discrete"):
-        reason = "its cases have separate values" if dispersion.weights else "its cases are given"
+        reason = (
+            "its distribution has separate values"
+            if dispersion.weights
+            else "a sample table gives its values"
+        )
         raise InputError(f"{key}: cannot have a slider: {reason}; change the file")
     low, high = ends or _ends(parameter, nominal, dispersion)
     has_spread = dispersion and _has_spread(dispersion) and len(variable.parameters) == 1
@@ -125,7 +134,9 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
 def _ends(
     parameter: Parameter, nominal: float, dispersion: Dispersion | None
 ) -> tuple[float, float]:
-    """Ends of a slider about a nominal, within the bounds of the parameter."""
+    """Return the ends of a slider about a nominal value, in the unit of the key: three times the
+    half width of the distribution to either side, else a quarter of the value. An end that the
+    parameter does not allow is moved closer."""
     half = _PART * abs(nominal) or 1.0
     if dispersion and dispersion.reach[0] < dispersion.reach[1]:
         half = _REACH * 0.5 * (dispersion.reach[1] - dispersion.reach[0])
@@ -154,25 +165,27 @@ def _has_spread(dispersion: Dispersion) -> bool:
 def moved_campaign(
     campaign: "Campaign", values: Mapping[str, float], spreads: Mapping[str, float]
 ) -> tuple["Campaign", dict[str, Any], list[str]]:
-    """Campaign at positions of sliders.
+    """Return a campaign at the positions of its sliders.
 
-    A distribution follows its nominal value, one that the file gives by absolute numbers too.
+    A distribution moves with the nominal value of its parameter, also if the file gives it by
+    absolute numbers.
 
     Parameters
     ----------
     campaign : Campaign
+        The campaign of the file.
     values : mapping of key to float
-        In the units of the keys.
+        Values of parameters, in the units of the keys.
     spreads : mapping of key to float
-        Factor of the spread of each dispersed parameter, about its centre.
+        Factors of the spreads of dispersed parameters, about their centres.
 
     Returns
     -------
     moved : Campaign
     settings : dict
-        Values by TOML path that give it by `Campaign.with_settings`.
+        Values by TOML path with which `Campaign.with_settings` makes ``moved``.
     notes : list of str
-        Warnings about it.
+        Warnings about ``moved``.
 
     Raises
     ------
@@ -190,12 +203,13 @@ def moved_campaign(
 def _distributions(
     campaign: "Campaign", at: "Campaign", spreads: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Settings of the distributions that do not follow by themselves from a campaign to that ``at``
-    other values, or are scaled."""
+    """Return settings, distributions by TOML path, for the dispersed parameters whose distribution
+    in the moved campaign ``at`` did not follow its nominal value by itself or is scaled by
+    ``spreads``. Raises InputError for a key of ``spreads`` without a spread."""
     known = {d.parameter.key for d in at.file.dispersions if _has_spread(d)}
     for key in spreads:
         if key not in known:
-            raise InputError(f"{key}: has no spread to scale")
+            raise InputError(f"{key}: has no distribution whose spread can be scaled")
     settings: dict[str, Any] = {}
     for before, one in zip(campaign.file.dispersions, at.file.dispersions, strict=True):
         key, path, own = one.parameter.key, one.parameter.path, one
@@ -213,7 +227,7 @@ def _distributions(
 
 
 def _shifted(dispersion: Dispersion, change: float) -> Dispersion:
-    """Dispersion with another centre."""
+    """Return a dispersion whose distribution is moved by ``change``, in the unit of its key."""
     numbers = dispersion.numbers
     fixed = 1 if dispersion.distribution == "normal" else len(numbers)  # sigma and its limit stay
     shifted = tuple(x + change if k < fixed else x for k, x in enumerate(numbers))
@@ -223,7 +237,8 @@ def _shifted(dispersion: Dispersion, change: float) -> Dispersion:
 def changed_campaign(
     campaign: "Campaign", settings: Mapping[str, Any]
 ) -> tuple["Campaign", list[str]]:
-    """Campaign with settings, and the warnings about it."""
+    """Return the campaign with other ``settings``, values by TOML path, and the warnings about
+    it."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         return campaign.with_settings(dict(settings)), [str(one.message) for one in caught]

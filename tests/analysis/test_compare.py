@@ -245,7 +245,7 @@ def test_command(runs, tmp_path):
     text = called.stdout
     assert "body.lower.mass_kg: " in text
     assert "ok: 25 -> 25 cases" in text
-    assert "requirement fast: pass, 0 of 25 -> " in text
+    assert "requirement fast: pass, 0 of 25 cases violate it -> " in text
     kept = pd.read_csv(tmp_path / "beside" / "compare.csv", index_col="outcome")
     row = kept.loc["separation_speed_m_s"]
     # a heavier stage is slowed less: every pair says so, two means of 25 cases would not
@@ -288,7 +288,7 @@ def test_command(runs, tmp_path):
     kept = pd.read_csv(tmp_path / "sizes" / "compare.csv", index_col="outcome")
     assert (kept["pairs"] == 0).all()
     same = call("compare", runs / "light", runs / "light")
-    assert "what differs in the files\n  nothing\n" in same.stdout
+    assert "differences of the campaign files\n  none\n" in same.stdout
     assert "sampler" not in same.stdout
     assert call("compare", runs / "light", tmp_path).exit_code == 2
 

@@ -229,7 +229,7 @@ def test_other_arguments_are_checked():
         session.run_many([list(design.values())], columns=["separation_distance"])
     with pytest.raises(sepmc.InputError, match="separation_distance_mm"):
         session.run(design, cases=3).column("separation_distance")
-    with pytest.raises(sepmc.InputError, match="one length"):
+    with pytest.raises(sepmc.InputError, match="same number of values"):
         session.run_many({key: [value] * (k + 1) for k, (key, value) in enumerate(design.items())})
 
 

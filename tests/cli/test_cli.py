@@ -140,7 +140,7 @@ def test_the_figures_that_matter(copied, monkeypatch):
     monkeypatch.setattr("sepmc.cli.figures._DRAWN", 2)
     result = call("plot", copied)
     assert len(list(copied.glob("hist_*.png"))) == 2
-    assert re.search(r"histograms of the first 2 outcomes; sepmc plot .* --all", result.stderr)
+    assert re.search(r"first 2 outcomes; of all: sepmc plot .* --all", result.stderr)
     result = call("plot", copied, "--all")
     assert len(list(copied.glob("hist_*.png"))) > 5
     assert not result.stderr
