@@ -151,7 +151,7 @@ class _Texts(ast.NodeVisitor):
             return self.texts(node.elt, depth)
         if isinstance(node, ast.Name) and depth < 3:
             for scope in reversed(self.scopes):
-                values = [v for v in scope.get(node.id, []) if _is_text(v)]
+                values = [v for v in _reaching(scope.get(node.id, []), node) if _is_text(v)]
                 if values:
                     return [text for v in values for text in self.texts(v, depth + 1)]
         if isinstance(node, ast.Name | ast.Attribute):
@@ -162,14 +162,28 @@ class _Texts(ast.NodeVisitor):
 
 
 def _assigned(node: ast.AST) -> dict[str, list[ast.expr]]:
-    """Expressions that are assigned to each name in a function or module."""
+    """Expressions that are assigned to each name in a function or module, and the places where the
+    name is used."""
     values: dict[str, list[ast.expr]] = {}
     for item in ast.walk(node):
+        if isinstance(item, ast.Name) and isinstance(item.ctx, ast.Load):
+            values.setdefault(item.id, []).append(item)
+        if isinstance(item, ast.NamedExpr):
+            values.setdefault(item.target.id, []).append(item.value)
         if isinstance(item, ast.Assign):
             for target in item.targets:
                 for name, value in _pairs(target, item.value):
                     values.setdefault(name, []).append(value)
     return values
+
+
+def _reaching(places: list[ast.expr], use: ast.Name) -> list[ast.expr]:
+    """Of the texts and uses of a name, the texts between its last use before ``use`` and that; all
+    earlier ones if there are none."""
+    before = [p for p in places if (p.lineno, p.col_offset) < (use.lineno, use.col_offset)]
+    texts = [p for p in before if not isinstance(p, ast.Name)]
+    last = max((p.lineno for p in before if isinstance(p, ast.Name)), default=0)
+    return [p for p in texts if p.lineno > last] or texts or places
 
 
 def _pairs(target: ast.expr, value: ast.expr) -> Iterator[tuple[str, ast.expr]]:

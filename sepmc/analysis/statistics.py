@@ -331,7 +331,7 @@ class AuditSummary:
         rank = np.inf if np.isnan(x[at]) else float(order[at])
         if self.case < 0 or rank > self._rank:
             self.worst, self.case, self._rank = float(x[at]), int(numbers[at]), rank
-        if not np.isnan(self.bound) and not x[at] <= self.bound:
+        if not np.isnan(self.bound):
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
 
     def new_partial(self) -> "AuditSummary":

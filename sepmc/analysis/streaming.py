@@ -329,6 +329,7 @@ class StreamingStatistics:
         """Return the verdicts on the requirements; arguments as for
         `sepmc.analysis.row_statistics.TableStatistics.verdicts`. Design values are those of a
         `QuantileSketch`."""
+        self._flush()
         why = no_verdict_reason(bool((audit["beyond"] > 0).any()), sampler)
         return [
             judge(counter, errors, self._design(counter), why, self._lacking(counter))

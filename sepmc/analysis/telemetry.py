@@ -171,7 +171,13 @@ class FlightComparison:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of ``telemetry.json``: all but the curves and the name of the run."""
+        """Return the content of ``telemetry.json``.
+
+        Returns
+        -------
+        dict
+            JSON types by key; all but the curves and the name of the run.
+        """
         return {
             "data": self.data,
             "channels_read": list(self.channels_read),

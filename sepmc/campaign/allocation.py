@@ -164,6 +164,7 @@ def allocate(
                 row["note"], row[f"{name}_passes"] = f"{name}: {reason}", None
                 row |= dict.fromkeys((name, f"{name}_low", f"{name}_high"), math.nan)
                 done += 1
+                progress(done, total)
                 continue
             more, less = int((changed & ~violates).sum()), int((violates & ~changed).sum())
             interval = paired_interval(more, less, cases)

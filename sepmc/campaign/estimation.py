@@ -74,8 +74,7 @@ class Estimation:
     log_evidence : float
         Natural logarithm of the density of the measurements under the campaign.
     impossible : float
-        Fraction of the cases of the prior that have no value at some sample of a channel, averaged
-        over the channels.
+        Fraction of the cases of the prior that have no value at some sample of some channel.
     understood : list of str
         Sentences on how each channel was interpreted.
     notes : list of str
@@ -196,7 +195,7 @@ def estimate(
         channels,
         _curves(channels, prior, predictions),
         sample.log_evidence + model.log_scale,
-        float(np.mean([np.isnan(values).any(axis=1) for values in prior])),
+        float(np.mean(np.any([np.isnan(values).any(axis=1) for values in prior], axis=0))),
         model.understood,
         [*model.notes, *_sigma_notes(campaign, channels, check), *_mixing_notes(table, cases)],
         seed,

@@ -140,6 +140,7 @@ def check_options(two: Path | None, data: Path | None, others: dict[str, Any]) -
     or if one of the options of telemetry, ``others`` by name, is given without telemetry."""
     if (two is None) == (data is None):
         raise click.UsageError("give RUN_B, or the telemetry of a flight by --data")
-    given = [name for name, value in others.items() if value not in (None, (), CASES)]
+    defaults = {"map": (), "cases": CASES}
+    given = [name for name, value in others.items() if value != defaults.get(name)]
     if data is None and given:
         raise click.UsageError(f"--{given[0]} needs --data")

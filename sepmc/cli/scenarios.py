@@ -81,12 +81,13 @@ def scenarios(
         count = campaign.select_cases(cases)[0].count
         total = count * (1 + len(campaign.file.scenarios))
         finished: dict[str, int] = {}
+        failures: dict[str, int] = {}
         with progress_bar(total, quiet) as report:
 
             def progress(name: str, done: int, _: int, failed: int) -> None:
-                finished[name] = done
+                finished[name], failures[name] = done, failed
                 if report:
-                    report(sum(finished.values()), total, failed)
+                    report(sum(finished.values()), total, sum(failures.values()))
 
             runs = run_scenarios(campaign, cases, seed, threads, folder, log, progress, resume)
         folders.write_text(folder / "scenarios.csv", runs.table.to_csv(index=False))

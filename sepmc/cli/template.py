@@ -13,7 +13,7 @@ from sepmc.text_table import text_table
 @overwrite_option("FILE")
 def template(file: Path, overwrite: bool) -> None:
     """Write a commented campaign to start from into FILE (separation.toml): two stages, springs, a
-    motor, a clearance and two requirements. It runs as it is.
+    motor, a clearance and requirements. It runs as it is.
 
     \b
     Example:

@@ -5,6 +5,7 @@ import json
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
 from click.testing import CliRunner
@@ -42,9 +43,10 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
             table["case"][some], np.array([codes[x] for x in labels[some]]), columns[:, some]
         )
     collected = []
-    for summary in (rows, stream):
-        collected += summary.verdicts({"gap_mm": (error, 1.0)}, summary.audit())
+    for summary in (rows, stream):  # cases of the stream wait in its buffer
+        collected += summary.verdicts({"gap_mm": (error, 1.0)}, rows.audit())
     assert collected[0] == collected[1]
+    pd.testing.assert_frame_equal(rows.audit(), stream.audit())
     return collected[0]
 
 

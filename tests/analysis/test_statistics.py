@@ -372,6 +372,8 @@ def test_audit():
         table.loc["smallest_pivot", "case"],
         table.loc["smallest_pivot", "beyond"],
     ) == (0.1, 4, 0)
+    bounded = audit(cases, {"smallest_pivot": 0.2}, ["smallest_pivot"])
+    assert bounded.loc["smallest_pivot", "beyond"] == 2  # 0.5 and 0.3
     assert "AUDIT FAILED: 2 cases have gap > 1e-09" in render_audit(table)
     passed = audit(cases[:1], {"gap": 1e-9}, ["gap"])
     assert render_audit(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"

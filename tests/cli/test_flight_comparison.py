@@ -119,6 +119,7 @@ def test_histories_of_cases_are_those_of_single_ones(run):
         ((), "give RUN_B, or the telemetry of a flight"),
         (("--map", "a=b"), "give RUN_B, or the telemetry of a flight"),
         (("{run}", "--map", "a=b"), "--map needs --data"),
+        (("{run}", "--shift", "300"), "--shift needs --data"),
         (("--data", "{data}", "--map", "a=b"), "no column a of histories"),
         (("--data", "{data}", "--map", "a"), "--map a: must be COLUMN=CHANNEL"),
         (("--data", "{data}", "--map", "a=b", "--map", "a=c"), "a second channel for a"),

@@ -133,7 +133,10 @@ class FlightLog:
             summary = read_summary(about[b"summary"])
             if min(lengths) < 0 or sum(lengths) * (1 + self.width) != len(values):
                 raise ValueError("the lengths of its batches do not match its number of values")
-        except (KeyError, TypeError, ValueError) as error:
+        except KeyError as error:
+            key = error.args[0].decode()
+            raise StoreError(f"{path}: cannot be read: its metadata lack {key}") from None
+        except (TypeError, ValueError) as error:
             raise StoreError(f"{path}: cannot be read: {error}") from None
         batches, offset = [], 0
         for n in lengths:

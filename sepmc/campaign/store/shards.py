@@ -192,15 +192,17 @@ def read_accumulators(
         If the file is damaged.
     """
     path = folder / entry.file
-    _, reason = read_metadata(path)
+    _, about = read_metadata(path)
     values = read_table(path, ["value"])["value"].to_numpy()
     try:
-        lengths = msgspec.json.decode(reason[b"lengths"], type=list[int])
+        lengths = msgspec.json.decode(about[b"lengths"], type=list[int])
         if min(lengths) < 0 or sum(lengths) != len(values):
             raise ValueError("the lengths of its arrays do not match its number of values")
-    except (KeyError, ValueError, msgspec.MsgspecError) as error:
+    except KeyError:
+        raise StoreError(f"{path}: cannot be read: its metadata lack 'lengths'") from None
+    except (ValueError, msgspec.MsgspecError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
-    return np.split(values, np.cumsum(lengths)[:-1]), reason
+    return np.split(values, np.cumsum(lengths)[:-1]), about
 
 
 def shard_path(folder: Path, kind: str, first: int) -> Path:

@@ -236,7 +236,7 @@ def two_balls() -> list[Stress]:
             continue
         error = relative(
             [run.body(b).w for b in ("fore", "aft")],
-            [reference.body(b).w for b in ("fore", "aft")][: len(run.t)],
+            [reference.body(b).w[: len(run.t)] for b in ("fore", "aft")],
         )
         lines.append(judge(label, "rates", error, bound, run, distance >= 1e-5))
         lines.append(
