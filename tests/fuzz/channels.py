@@ -1,6 +1,7 @@
-"""Telemetry in MATLAB, HDF5 and TDMS files, damaged at random.
+"""Telemetry in MATLAB, HDF5, TDMS and MDF files, damaged at random.
 
-The packages of HDF5 and TDMS are those of the extras; a file whose package is missing is left out.
+The packages of HDF5, TDMS and MDF are those of the extras; a file whose package is missing is left
+out.
 """
 
 import struct
@@ -119,6 +120,8 @@ def _seeds():
         seeds += _hdf5_files()
     with suppress(ImportError):
         seeds += _tdms_files()
+    with suppress(ImportError):
+        seeds += _mdf_files()
     return seeds
 
 
@@ -171,6 +174,24 @@ def _tdms_files():
                     writer.write_segment(parts[:1])
             files.append((".tdms", path.read_bytes()))
     return [files[1], files[0]]
+
+
+def _mdf_files():
+    import asammdf
+
+    files = []
+    for version, options in (("4.10", {}), ("4.10", {"compression": 2}), ("3.30", {})):
+        signals = [
+            asammdf.Signal(_RATE, _TIME, name="gyro"),
+            asammdf.Signal(np.arange(6, dtype=np.uint16), _TIME, name="count", unit="1"),
+        ]
+        with tempfile.TemporaryDirectory() as folder, asammdf.MDF(version=version) as file:
+            file.append(signals, common_timebase=True)
+            acceleration = asammdf.Signal(_RATE[:3], _TIME[:3], name="imu.acc", unit="m/s^2")
+            file.append([acceleration])
+            path = file.save(Path(folder) / "f.mf4", overwrite=True, **options)
+            files.append((path.suffix, path.read_bytes()))
+    return files
 
 
 class _Process:
