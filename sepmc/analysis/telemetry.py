@@ -2,18 +2,20 @@
 residuals, nearest cases.
 
 A channel is a measured quantity over time; it is compared with a column of the histories of the
-cases, both in the unit of the column. The time of the flight's clock is the time of the run plus
-the clock shift. The envelope is a band of percentiles of the cases at each time.
+cases, both in the unit of the column, angles up to full turns. The time of the flight's clock is
+the time of the run plus the clock shift. The envelope is a band of percentiles of the cases at each
+time.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.full_turns import TURN, continuous, nearest_turn
 from sepmc.scene.messages import InputError
 
 INSIDE = 99.0  # %, of the band whose use is reported
@@ -49,6 +51,11 @@ class Channel:
     time: np.ndarray
     values: np.ndarray
     unit: str = ""
+
+    @property
+    def is_angle(self) -> bool:
+        """True if values that differ by full turns mean the same."""
+        return self.unit == "deg"
 
 
 @dataclass(frozen=True)
@@ -269,6 +276,8 @@ def compare_channels(
         If a channel has fewer than two samples within the run, or the shift cannot be estimated.
     """
     ordered = [channels[name] for name in histories.names]
+    ordered = [replace(c, values=continuous(c.values)) if c.is_angle else c for c in ordered]
+    histories = _continuous(histories, ordered)
     scales = _scales(ordered, histories)
     shift = ClockShift(shift_s or 0.0)
     if shift_s is None:
@@ -287,6 +296,8 @@ def compare_channels(
         left_out = max(left_out, 1.0 - float(np.ptp(time)) / shared)
         cases = _at(histories.values[:, i], histories.step, time)
         nominal = _at(histories.nominal[None, i], histories.step, time)[0]
+        if channel.is_angle:
+            flight = np.where(np.isfinite(nominal), nearest_turn(flight, nominal), flight)
         bands = np.nanpercentile(cases, list(CURVES.values()), axis=0)
         low, _, median, _, high = bands
         noise = _NORMAL * noise_of(channel.values)
@@ -323,6 +334,18 @@ def compare_channels(
         [(int(histories.numbers[k]), float(distances[k])) for k in order],
         left_out,
     )
+
+
+def _continuous(histories: Histories, channels: Sequence[Channel]) -> Histories:
+    """Return histories whose angles do not jump by full turns: neither over time nor, at the start,
+    from the nominal case to another. ``channels`` are in the order of the columns."""
+    values, nominal = np.array(histories.values), np.array(histories.nominal)
+    for i, channel in enumerate(channels):
+        if channel.is_angle:
+            nominal[i], curves = continuous(nominal[i]), continuous(values[:, i])
+            offset = nearest_turn(curves[:, :1], nominal[i, :1]) - curves[:, :1]
+            values[:, i] = curves + np.nan_to_num(offset)
+    return replace(histories, values=values, nominal=nominal)
 
 
 def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
@@ -383,14 +406,19 @@ class _Curves:
         history is smooth, and small where it jumps or bends: that time is known to a step only.
     step : float
         Step of the time grid, s.
+    turn : float
+        Full turn of an angle, whose differences are those up to full turns; 0 for other channels.
     """
 
     values: np.ndarray
     weights: np.ndarray
     step: float
+    turn: float
 
     @classmethod
-    def of(cls, values: np.ndarray, scale: float, noise: float, step: float) -> "_Curves":
+    def of(
+        cls, values: np.ndarray, scale: float, noise: float, step: float, is_angle: bool
+    ) -> "_Curves":
         """Build the curves from histories (n, t), the ``scale`` and the ``noise`` sigma, all in the
         unit of the channel, and the ``step`` of the time grid, s."""
         scaled = values / scale
@@ -398,7 +426,8 @@ class _Curves:
         bend[:, 1:-1] = np.abs(np.diff(scaled, 2, axis=1))
         bend[:, :-1] = np.maximum(bend[:, :-1], bend[:, 1:])
         variance = max(noise / scale, _LEAST_NOISE) ** 2
-        return cls(scaled, variance / (variance + np.nan_to_num(bend, nan=np.inf) ** 2), step)
+        weights = variance / (variance + np.nan_to_num(bend, nan=np.inf) ** 2)
+        return cls(scaled, weights, step, TURN / scale if is_angle else 0.0)
 
     def differences(
         self, time: np.ndarray, flight: np.ndarray, shifts: np.ndarray | float
@@ -411,6 +440,8 @@ class _Curves:
         """
         times = _run_times(time, shifts)
         residual = _at(self.values, self.step, times) - flight
+        if self.turn:
+            residual -= self.turn * np.round(residual / self.turn)
         index = np.clip((times / self.step).astype(np.int64), 0, self.values.shape[1] - 1)
         if times.ndim == 1:
             weights = self.weights[:, index]
@@ -428,7 +459,7 @@ class _Curves:
     def only(self, case: int) -> "_Curves":
         """Return the curves of the case with index ``case`` alone."""
         part = slice(case, case + 1)
-        return _Curves(self.values[part], self.weights[part], self.step)
+        return _Curves(self.values[part], self.weights[part], self.step, self.turn)
 
 
 Samples = Sequence[tuple[np.ndarray, np.ndarray]]
@@ -452,8 +483,8 @@ def _estimate_shift(
         stride = -(-len(time) // _SAMPLES) or 1
         samples.append((time[::stride] + start - width, values[::stride] / scale))
     curves = [
-        _Curves.of(histories.values[:, i], scales[i], noise[i], histories.step)
-        for i in range(len(scales))
+        _Curves.of(histories.values[:, i], scales[i], noise[i], histories.step, each.is_angle)
+        for i, each in enumerate(channels)
     ]
     shifts, resolution = np.full(len(histories.numbers), start), width
     for _ in range(_SCANS):  # the jumps of a history have no slopes to go by
@@ -507,8 +538,9 @@ def _coarse_shift(
             scales[i],
             noise[i],
             histories.step,
+            each.is_angle,
         )
-        for i in range(len(scales))
+        for i, each in enumerate(channels)
     ]
     best = (np.inf, 0.0)
     for shift in np.arange(low, high + 0.5 * step, step):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sepmc import schema
+from sepmc.analysis.full_turns import TURN, continuous, nearest_turn
 from sepmc.campaign.definition import Definition
 from sepmc.formats.telemetry import parse_map, read_telemetry
 from sepmc.formats.text_table import FormatError
@@ -15,7 +16,6 @@ from sepmc.scene.messages import InputError
 
 _MOST_SAMPLES = 1000  # of a channel; more are averaged in groups
 _MIN_ROWS, _MOST_ROWS = 400, 1000  # of histories that are interpolated
-_TURN = 360.0  # deg
 _DELAYS = 4.0  # standard deviations of a delay that the samples used allow for
 
 
@@ -122,7 +122,7 @@ def _within(
     time, margin = time - one.delay, _DELAYS * one.delay_sigma
     inside = (time >= margin - 1e-9 * end) & (time <= end - margin + 1e-9 * end)
     left_out, time, values = int(np.count_nonzero(~inside)), time[inside], values[inside]
-    wraps = unit == "deg" and len(values) > 0 and bool(np.ptp(values) <= _TURN)
+    wraps = unit == "deg" and len(values) > 0 and bool(np.ptp(values) <= TURN)
     group = -(-len(time) // _MOST_SAMPLES) or 1
     starts = np.arange(0, len(time), group)
     if not len(starts):
@@ -130,7 +130,7 @@ def _within(
     else:
         counts = np.diff(starts, append=len(time))
         if wraps and group > 1:  # no means over jumps by a full turn
-            values = np.unwrap(values, period=_TURN)
+            values = continuous(values)
         time, values = (np.add.reduceat(x, starts) / counts for x in (time, values))
         sigma = one.sigma / np.sqrt(counts)
     time = np.clip(time, 0.0, end)
@@ -199,7 +199,7 @@ def at_samples(
         index = np.searchsorted(times, samples)
         if index[-1] < len(times) and (times[index] == samples).all():
             exact = np.asarray(values[:, index])
-            return _nearest_turn(exact, channel.values) if channel.wraps else exact
+            return nearest_turn(exact, channel.values) if channel.wraps else exact
         delays = np.zeros(1)
     wanted = np.clip(samples - delays[:, None], times[0], times[-1])
     index = np.clip(np.searchsorted(times, wanted, side="right") - 1, 0, len(times) - 2)
@@ -208,14 +208,9 @@ def at_samples(
     low = np.take_along_axis(values, rows, axis=1)
     high = np.take_along_axis(values, rows + 1, axis=1)
     if channel.wraps:
-        low = _nearest_turn(low, channel.values)
-        high = _nearest_turn(high, low)
+        low = nearest_turn(low, channel.values)
+        high = nearest_turn(high, low)
     return np.asarray((1.0 - part) * low + np.where(part > 0.0, part * high, 0.0))
-
-
-def _nearest_turn(angles: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return angles, deg, plus the full turns that bring each within half a turn of ``others``."""
-    return np.asarray(angles + _TURN * np.round((others - angles) / _TURN))
 
 
 __all__ = ["MeasuredChannel", "at_samples", "history_times", "read_measurements"]

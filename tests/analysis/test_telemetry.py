@@ -78,6 +78,42 @@ def test_table_of_a_known_difference():
     assert_allclose(row["envelope_used"], abs(value - median) / widened, rtol=1e-4)
 
 
+def wrapped(angles):
+    """Angles, deg, within -180 and 180."""
+    return (angles + 180.0) % 360.0 - 180.0
+
+
+@pytest.mark.parametrize("as_measured", [lambda a: a % 360.0, wrapped, lambda a: a + 1080.0])
+def test_angles_are_compared_up_to_full_turns(as_measured):
+    """A roll through several turns, whose cases begin on both sides of 180 deg, is compared as if
+    it did not jump: the shift, the envelope, residuals and nearest cases are the same."""
+    rng = np.random.default_rng(4)
+    starts, rates = rng.normal(180.0, 20.0, CASES), rng.normal(900.0, 30.0, CASES)
+    swing = 40.0 * np.sin(9.0 * TIMES)
+    curves = starts[:, None] + rates[:, None] * TIMES + swing
+    nominal = 180.0 + 900.0 * TIMES + swing
+    time = np.arange(0.05, 0.9, 0.004)
+    flown = np.interp(time, TIMES, curves[7]) + 0.1 * rng.standard_normal(len(time))
+
+    def compared(angles, change):
+        own = Histories(
+            np.arange(CASES), ("roll",), STEP, angles(curves)[:, None], angles(nominal)[None]
+        )
+        return compare_channels({"roll": Channel(time + 3.0, change(flown), "deg")}, own)
+
+    result, expected = compared(wrapped, as_measured), compared(np.array, np.array)
+    assert expected.nearest[0][0] == 7
+    assert abs(expected.shift.value - 3.0) < 3.0 * expected.shift.error
+    assert_allclose(result.shift.value, expected.shift.value, atol=1e-9)
+    assert_allclose(result.shift.error, expected.shift.error, rtol=1e-6)
+    assert [case for case, _ in result.nearest] == [case for case, _ in expected.nearest]
+    columns = ["envelope_used", "inside_99", "residual_rms", "residual_max"]
+    assert_allclose(
+        result.channels[columns].to_numpy(float), expected.channels[columns].to_numpy(float),
+        rtol=1e-6,
+    )  # fmt: skip
+
+
 def test_flight_outside_the_envelope_is_not_inside():
     cases = histories()
     rate = cases.nominal[0] + np.where(TIMES >= 0.5, 10.0, 0.0)
