@@ -38,6 +38,7 @@ from sepmc.scene.messages import InputError, Log, RunWarning, nearest, shorten, 
 from sepmc.schema import AUDIT_BOUNDS, Status
 
 _ROWS = 16384  # cases of several designs that one call of the kernel integrates
+_CODES = {status.label: status for status in Status}
 
 Values = Mapping[str, float] | Sequence[float] | np.ndarray
 
@@ -511,7 +512,6 @@ def _verdicts(
     """
     if not box.file.requirements:
         return {}
-    codes = {status.label: status for status in Status}
     columns = {column.name: k for k, column in enumerate(box.result_columns)}
     is_ok = np.asarray(block.status == Status.OK)
 
@@ -525,10 +525,13 @@ def _verdicts(
         np.arange(len(is_ok)),
         is_ok,
         values,
-        lambda name: np.asarray(block.status == codes.get(name, -1)),
+        lambda name: np.asarray(block.status == _CODES.get(name, -1)),
     )
     reason = requirements.no_verdict_reason(_audit_failed(box, block, is_ok), box.scene.run.sampler)
-    scaled = with_scales_of(box, errors, _outcomes(box, block, is_ok)) if is_ok.any() else {}
+    metrics = {item.metric for item in box.file.requirements}
+    scaled = {}
+    if is_ok.any():
+        scaled = with_scales_of(box, errors, _outcomes(box, block, is_ok), metrics)
     return {
         one.requirement.name: (
             requirements.brief_verdict(one, scaled, reason),
@@ -548,11 +551,14 @@ def _outcomes(box: Definition, block: Block, is_ok: np.ndarray) -> np.ndarray:
 
 def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
     """Return True if an audit column of an ok case (mask ``is_ok``) is beyond its bound."""
-    return not all(
-        (block.outcomes[is_ok, k] * column.scale <= AUDIT_BOUNDS[column.name]).all()
+    audited = [
+        (k, column.scale, AUDIT_BOUNDS[column.name])
         for k, column in enumerate(box.result_columns)
         if column.name in AUDIT_BOUNDS
-    )
+    ]
+    columns, sizes, bounds = (np.array(each) for each in zip(*audited, strict=True))
+    passes = block.outcomes[:, columns] * sizes <= bounds
+    return not bool((passes | ~is_ok[:, None]).all())
 
 
 def _part(block: Block, first: int, end: int) -> Block:

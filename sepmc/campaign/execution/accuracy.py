@@ -1,6 +1,6 @@
 """Error measure of outcomes, and the numerical error that a run reports."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -226,13 +226,23 @@ def with_scales(
 
 
 def with_scales_of(
-    campaign: Definition, errors_by_name: Mapping[str, float], outcomes: np.ndarray
+    campaign: Definition,
+    errors_by_name: Mapping[str, float],
+    outcomes: np.ndarray,
+    names: Collection[str] | None = None,
 ) -> dict[str, tuple[float, float]]:
-    """Relative error and scale of each outcome, with scales from the values in cases.
+    """Relative error and scale of outcomes, with scales from the values in cases.
 
-    ``outcomes`` (n, o) are in the units of their columns; the result is that of `with_scales`.
+    ``outcomes`` (n, o) are in the units of their columns; the result is that of `with_scales`, of
+    the outcomes ``names`` only if these are given, which is faster.
     """
-    return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
+    if names is None:
+        return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
+    wanted = [k for k, column in enumerate(campaign.outcome_columns) if column.name in names]
+    spread = np.zeros(outcomes.shape[1])
+    spread[wanted] = deviation(outcomes[:, wanted])
+    pairs = _by_name(campaign, errors_by_name, column_scales(campaign, outcomes, spread))
+    return {name: pair for name, pair in pairs.items() if name in names}
 
 
 def _by_name(
