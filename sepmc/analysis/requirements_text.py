@@ -182,5 +182,5 @@ def format_proportion(value: float, rounding: Callable[[float], int] = round) ->
 
 
 def _number(value: float) -> str:
-    """Format a number with four significant digits."""
+    """Format a number with at least four significant digits: 0.01235, 12.35, 123456; "-" for NaN."""
     return rounded(value, abs(value), 4)

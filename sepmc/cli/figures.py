@@ -256,7 +256,8 @@ def draw_fractions(
 
 
 def run_title(folder: Path) -> str:
-    """Return the title of the run in a folder, for figures."""
+    """Return the title of figures of the run in a folder: campaign, number of cases, seed and the
+    settings of the run (`sepmc.campaign.label.of_run`)."""
     from sepmc.campaign.label import of_run
     from sepmc.campaign.store import manifests
 

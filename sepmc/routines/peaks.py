@@ -285,8 +285,9 @@ def _smaller(a, b):
 @formula
 def _higher(largest, theta, size, node):
     """Include one more magnitude, ``size`` at ``node``, in the largest magnitude so far, which is
-    at ``theta``. Returns the largest magnitude and where it is. Both places are given as fractions
-    of the step, or both as numbers of nodes."""
+    at ``theta``. Returns the largest magnitude and where it is; the earlier one stays unless the
+    new one is larger by more than round-off (`_SAME`). Both places are given as fractions of the
+    step, or both as numbers of nodes."""
     is_larger = size > _SAME * largest
     return size if is_larger else largest, node if is_larger else theta
 
