@@ -220,8 +220,8 @@ class DesignSearch:
 
     def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
         """Run m designs, given as an array (m, variables), and return their table: values by TOML
-        path, costs, and the smallest ``margin`` over the requirements. ``allowed`` is the number of accepted violations
-        of each requirement."""
+        path, costs, and the smallest ``margin`` over the requirements. ``allowed`` has the number
+        of accepted violations of each requirement."""
         columns = list(dict.fromkeys(self.metrics))
         table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
         frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
@@ -235,8 +235,8 @@ class DesignSearch:
     def _margin(
         self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Return the margin (m,) of each design to a requirement: negative if more than ``most``
-        cases violate it.
+        """Return the margin (m,) of each of m designs to a requirement: negative if more than
+        ``most`` cases violate it. ``columns`` is as for `_violations`.
 
         It is the scaled margin of the worst case that remains without the ``most`` worst cases. For
         a requirement on a violation of any other one, the margin of a case is the smallest over the
@@ -256,7 +256,8 @@ class DesignSearch:
     def _scaled_margins(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the margins (m, cases) of the cases of m designs to the nearer bound of a
         requirement, negative beyond it; minus infinity for a case without the outcome. They are
-        divided by the standard deviation that they had in the first call for this requirement."""
+        divided by the standard deviation that they had in the first call for this requirement.
+        ``columns`` is as for `_violations`."""
         values = margins(columns[item.metric], item)
         known = (columns["status"] == Status.OK) & ~np.isnan(values)
         values = np.where(known, values, -np.inf)
@@ -282,9 +283,9 @@ class DesignSearch:
         return np.asarray(status != Status.OK)  # one with another status shows nothing
 
     def _first_of_one(self, run: Run) -> None:
-        """Run a grid of one variable; then run more designs around each peak of the margin that is
-        still negative, between its neighbours: a range of accepted designs that is narrower than
-        the grid may lie there."""
+        """Run a grid of one variable; then, up to `_ZOOMS` times, run more designs around the
+        `_PEAKS` highest peaks of the margin that are negative, between the neighbours of each: a
+        range of accepted designs that is narrower than the grid may lie there."""
         (variable,) = self.variables
         frames = [run(np.linspace(variable.low, variable.high, _GRID)[:, None])]
         for _ in range(_ZOOMS):

@@ -134,7 +134,8 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
         raise FormatError(
             "needs columns of speed and either from (by compass) or direction (to, from ground x), "
             "or of along and across, or of east and north; choose them by "
-            'columns = { speed = "TITLE", from = "TITLE" } or the like; has ' + ", ".join(columns.table.columns)
+            'columns = { speed = "TITLE", from = "TITLE" } or the like; has '
+            + ", ".join(columns.table.columns)
         )
     return _sorted(tree, understood)
 
