@@ -518,9 +518,11 @@ def _any_rises(sizes, w):
 
 @routine
 def _note_summits(sizes, w, scratch, out, t, h):
-    """Search the peaks of the magnitude between the nodes of a step, from t to t + h, s. One that is
-    larger by more than round-off replaces the peak so far and its time, at w[out] and
-    w[out + LANES]. Magnitudes at the nodes are at w[sizes], the coefficients at w[scratch]."""
+    """Search the peaks of the magnitude between the nodes of a step, from t to t + h, s.
+
+    A peak that is larger by more than round-off replaces the peak so far and its time, at w[out]
+    and w[out + LANES]. Magnitudes at the nodes are at w[sizes], the coefficients at w[scratch].
+    """
     noinline()
     for i in range(COUNT):
         if rises(sizes, w, i):

@@ -184,13 +184,13 @@ class Composite:
         )
 
     def rate_error(self, name: str | None = None) -> float:
-        """Relative error (`relative`) of the angular rates of a body, by default of the second one."""
+        """Error of the angular rates of a body, by default of the second one, by `relative`."""
         return relative(self.run.body(name or self.second).w, self.rate)
 
     def attitude_error(self, name: str | None = None) -> float:
-        """Relative error (`relative`) of the attitude matrices of a body, by default the second one."""
+        """Error of the attitude matrices of a body, by default of the second one, by `relative`."""
         return relative(self.run.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:
-        """Relative error (`relative`) of the force of a joint on the second body."""
+        """Error of the force of a joint on the second body, by `relative`."""
         return relative(self.run.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
