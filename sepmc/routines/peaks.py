@@ -116,7 +116,7 @@ def _height(theta, w, scratch, ends):
 
     If ``ends`` is 0, it is the magnitude of the vector. Otherwise the coefficients are those of
     `update_min_drive_ratio`, and it is -max(F, 0) / P, with the separating force F of the guide and
-    the sum P of the loads of its ``ends`` pin ends.
+    the sum P of the loads of its ``ends`` pin ends; minus infinity where P is 0.
     """
     if ends == 0:
         return size_at(theta, w, scratch)
