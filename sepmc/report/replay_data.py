@@ -1,4 +1,7 @@
-"""Data of the three-dimensional replays of cases in a report, which `replay.js` draws."""
+"""Data of the three-dimensional replays of cases in a report, which `replay.js` draws.
+
+In every function ``scene`` is the scene with the inputs of the case whose ``history`` it gets.
+"""
 
 from collections.abc import Sequence
 from typing import Any
