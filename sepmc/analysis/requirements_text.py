@@ -152,7 +152,7 @@ def _violating(v: Verdict) -> str:
 
 
 def _percent(fraction: float) -> str:
-    """Format a fraction as percent."""
+    """Format a fraction as percent, with up to six significant digits: 0.9973 is ``99.73 %``."""
     return f"{100.0 * fraction:g} %"
 
 
@@ -162,7 +162,7 @@ def _spaced(unit: str) -> str:
 
 
 def format_proportion(value: float, rounding: Callable[[float], int] = round) -> str:
-    """Format a proportion with two significant digits.
+    """Format a proportion with two significant digits, as ``0.032``, or ``3.2e-05`` below 0.0095.
 
     Parameters
     ----------
@@ -182,5 +182,6 @@ def format_proportion(value: float, rounding: Callable[[float], int] = round) ->
 
 
 def _number(value: float) -> str:
-    """Format a number with four significant digits."""
+    """Format a number with at least four significant digits, as ``0.01235``, ``12.35`` or
+    ``123456``; "-" for NaN."""
     return rounded(value, abs(value), 4)

@@ -193,7 +193,7 @@ def histogram_of(
     """Build a histogram with 2 n^(1/3) bins (8 to 60) of equal width from ``low`` to ``high``.
 
     ``count`` maps increasing edges (k + 1,) to the numbers (k,) of values between them. The
-    histogram has no bins if the values are equal to 1e-12.
+    histogram has no bins, and the sigma 0 (NaN for one value), if the values are equal to 1e-12.
     """
     # a smaller range is round-off, and edges of bins would coincide
     if not high - low > 1e-12 * max(abs(low), abs(high)):

@@ -72,7 +72,7 @@ def rounded(value: float, scale: float, digits: int = 3) -> str:
     Returns
     -------
     str
-        In exponential notation if it is very long; "-" for NaN.
+        In exponential notation above 1e8 or with more than seven decimals; "-" for NaN.
     """
     if pd.isna(value):
         return "-"

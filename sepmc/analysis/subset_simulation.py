@@ -422,8 +422,9 @@ def _moved(
     """Propose a conditional move of size ``step`` (d,), 0 to 1, for each of n chains, and accept
     those whose margin reaches the threshold; such moves preserve the normal distribution.
 
-    ``noise`` (n, d) is standard normal; the cases run belong to the level after ``level``. Return
-    the states after the move and the acceptance rate.
+    ``noise`` (n, d) is standard normal. The cases run belong to the level after ``level``; those
+    without a margin count as if it were ``worst``. Return the states after the move and the
+    acceptance rate.
     """
     scores = np.sqrt(1.0 - step**2) * states.scores + step * noise
     proposed = counter.evaluate(scores, level + 1, states.origin)

@@ -114,8 +114,8 @@ class SurrogateMove:
         coordinates: Coordinates,
     ) -> "SurrogateMove":
         """Fit the surrogate to particles with ``scores`` (n, d), ``residuals`` (n, m) in sigma and
-        ``weights`` (n,); particles with a residual that is not finite are left out. The weights
-        determine only ``lines``."""
+        ``weights`` (n,), at a ``temperature``, the power of the likelihood; particles with a
+        residual that is not finite are left out. The weights determine only ``lines``."""
         known = np.isfinite(residuals).all(axis=1)
         values, residuals = coordinates.of(scores[known]), residuals[known]
         weights = np.asarray(weights[known] / weights[known].sum())

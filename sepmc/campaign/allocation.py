@@ -231,7 +231,7 @@ def _propose(
     seed: int,
     threads: int | None,
 ) -> tuple[list[Dispersion], bool, pd.DataFrame | None, int]:
-    """Choose how many of the ``candidates`` to scale, by runs with other seeds.
+    """Choose how many of the ``candidates`` to scale by ``factor``, by runs with other seeds.
 
     Returns the scaled inputs, True if such a run of them shows all requirements, the verdicts of
     the run, and its seed. The first of the candidates are scaled: as many as possible if the

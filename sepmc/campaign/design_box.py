@@ -200,8 +200,8 @@ class DesignBox(Definition):
         return np.append(self.slots, np.array([d.index for d in self.derived], dtype=np.int64))
 
     def check_designs(self, designs: np.ndarray) -> np.ndarray:
-        """Return designs (m, variables), in the units of the variables, unchanged. Raises
-        InputError if the shape is wrong or a design is outside the box."""
+        """Return m designs, an array (m, variables) in the units of the variables, unchanged.
+        Raises InputError if the shape is wrong, m is 0 or a design is outside the box."""
         if designs.ndim != 2 or not len(designs) or designs.shape[1] != len(self.variables):
             keys = ", ".join(v.key for v in self.variables)
             raise InputError(f"design: needs {len(self.variables)} values, in this order: {keys}")

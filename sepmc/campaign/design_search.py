@@ -162,8 +162,8 @@ class DesignSearch:
 
     def spread_of_costs(self, fraction: float) -> np.ndarray:
         """Return the spread (n,) of each of the n costs, largest minus smallest, over the designs
-        run so far with this ``fraction`` of the accepted violations; 1 for a constant cost. Without
-        any, the first designs are run."""
+        run so far with this ``fraction``, a factor on the number of accepted violations; 1 for a
+        constant cost. If no design was run with it yet, the first designs of a search are run."""
         if not self._searched.get(fraction):
             run = self._runner(fraction)
             (self._first_of_one if len(self.variables) == 1 else self._first_of_several)(run)
@@ -193,8 +193,9 @@ class DesignSearch:
         return costs
 
     def _runner(self, fraction: float) -> Run:
-        """Return a function that runs designs (m, variables), stores their table among those of
-        this ``fraction`` of the accepted violations, and returns the table."""
+        """Return a function that runs m designs, given as an array (m, variables), stores their
+        table among those of this ``fraction``, a factor on the number of accepted violations, and
+        returns the table."""
         frames = self._searched.setdefault(fraction, [])
         allowed = [
             accepted_violations(item, self.cases, fraction, self.tries) for item in self.items
@@ -207,7 +208,8 @@ class DesignSearch:
         return run
 
     def _table(self, fraction: float) -> pd.DataFrame:
-        """Return the table of all designs run with this ``fraction`` of the accepted violations."""
+        """Return the table of all designs run with this ``fraction``, a factor on the number of
+        accepted violations."""
         return pd.concat(self._searched[fraction], ignore_index=True)
 
     def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:
@@ -217,9 +219,9 @@ class DesignSearch:
         return {one.key: float(values[one.key]) for one in self.variables}
 
     def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
-        """Run designs (m, variables), and return their table: values by TOML path, costs, and the
-        smallest ``margin`` over the requirements. ``allowed`` is the number of accepted violations
-        of each requirement."""
+        """Run m designs, given as an array (m, variables), and return their table: values by TOML
+        path, costs, and the smallest ``margin`` over the requirements. ``allowed`` has the number
+        of accepted violations of each requirement."""
         columns = list(dict.fromkeys(self.metrics))
         table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
         frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
@@ -233,8 +235,8 @@ class DesignSearch:
     def _margin(
         self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Return the margin (m,) of each design to a requirement: negative if more than ``most``
-        cases violate it.
+        """Return the margin (m,) of each of m designs to a requirement: negative if more than
+        ``most`` cases violate it. ``columns`` is as for `_violations`.
 
         It is the scaled margin of the worst case that remains without the ``most`` worst cases. For
         a requirement on a violation of any other one, the margin of a case is the smallest over the
@@ -252,9 +254,10 @@ class DesignSearch:
         return np.asarray((most - violates.sum(axis=1)) / max(1.0, 0.01 * self.cases))
 
     def _scaled_margins(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the margins (m, cases) of cases to the nearer bound of a requirement, negative
-        beyond it; minus infinity for a case without the outcome. They are divided by the standard
-        deviation that they had in the first call for this requirement."""
+        """Return the margins (m, cases) of the cases of m designs to the nearer bound of a
+        requirement, negative beyond it; minus infinity for a case without the outcome. They are
+        divided by the standard deviation that they had in the first call for this requirement.
+        ``columns`` is as for `_violations`."""
         values = margins(columns[item.metric], item)
         known = (columns["status"] == Status.OK) & ~np.isnan(values)
         values = np.where(known, values, -np.inf)
@@ -265,8 +268,11 @@ class DesignSearch:
         return np.asarray(values / self.scales[item.name])
 
     def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the mask (m, cases) of the cases that violate a requirement. Cases without a
-        result count as violations, as in a verdict."""
+        """Return a mask (m, cases), True where a case of one of m designs violates a requirement.
+        A case without a result counts as a violation, as in a verdict.
+
+        ``columns`` has the arrays (m, cases) of ``status`` and of outcomes by name.
+        """
         status = columns["status"]
         if item.metric == VIOLATION:
             others = [one for one in self.items if one.metric != VIOLATION]
@@ -277,9 +283,9 @@ class DesignSearch:
         return np.asarray(status != Status.OK)  # one with another status shows nothing
 
     def _first_of_one(self, run: Run) -> None:
-        """Run a grid of one variable; then run more designs around each peak of the margin that is
-        still negative, between its neighbours: a range of accepted designs that is narrower than
-        the grid may lie there."""
+        """Run a grid of one variable; then, up to `_ZOOMS` times, run more designs around the
+        `_PEAKS` highest peaks of the margin that are negative, between the neighbours of each: a
+        range of accepted designs that is narrower than the grid may lie there."""
         (variable,) = self.variables
         frames = [run(np.linspace(variable.low, variable.high, _GRID)[:, None])]
         for _ in range(_ZOOMS):

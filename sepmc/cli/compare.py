@@ -95,8 +95,9 @@ def compare(
 
 
 def _compare_runs(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
-    """Print the differences between two runs; write them as compare.csv and compare.png into the
-    folder ``out``, if it is not None."""
+    """Print the differences between two runs, with at most `_SHOWN` outcomes, the most important
+    ones. If the folder ``out`` is not None, write compare.csv, with all outcomes, and compare.png,
+    with the printed ones, into it."""
     paths = one, two
     for folder in paths:
         check_rows(folder)

@@ -80,8 +80,9 @@ def _time_per_case(
 ) -> tuple[float, int]:
     """Measure how long it takes to sample and integrate a case, on the first cases of a selection.
 
-    ``separation`` are the columns of stored histories; empty if none are stored. Returns the
-    seconds per case, and the number of cases measured.
+    ``total`` is the number of cases of the whole sample, ``separation`` the columns of stored
+    histories: if there are any, the cases are integrated with their histories. Returns the seconds
+    per case, and the number of cases measured.
     """
     from sepmc.campaign.execution.integration import history_rows
     from sepmc.campaign.execution.integration import integrate as integrate_samples

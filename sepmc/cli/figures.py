@@ -198,8 +198,9 @@ def _draw_histograms(*arguments: Any, **options: Any) -> list[Path]:
 def _draw_bands(
     folder: Path, into: Path, units: dict[str, str], about: str, suffix: str
 ) -> list[Path]:
-    """Draw percentile bands of the histories that a run folder stores into the folder ``into``;
-    returns the files written, none without histories."""
+    """Draw percentile bands of the histories of the ok cases among the first `_BANDED` cases that a
+    run folder stores, into the folder ``into``; returns the files written, none without histories.
+    ``about`` is the title of the figures, ``suffix`` the ending of the files."""
     from sepmc.campaign.store import shards
 
     below = shards.case_after(folder, _BANDED)
@@ -226,7 +227,7 @@ def draw_fractions(
     the outcomes ``converged`` converge with the number of cases.
 
     Nothing is drawn if the run has no case rows. ``constants`` has the values of constant outcomes,
-    by name. Returns the files written into the folder ``into``.
+    by name, ``suffix`` is the ending of the files. Returns those written into the folder ``into``.
     """
     import numpy as np
 
@@ -256,7 +257,8 @@ def draw_fractions(
 
 
 def run_title(folder: Path) -> str:
-    """Return the title of the run in a folder, for figures."""
+    """Return the title of figures of the run in a folder: campaign, number of cases, seed and the
+    settings of the run (`sepmc.campaign.label.of_run`)."""
     from sepmc.campaign.label import of_run
     from sepmc.campaign.store import manifests
 

@@ -139,7 +139,7 @@ def check_options(two: Path | None, data: Path | None, others: dict[str, Any]) -
     """Raise UsageError unless either a second run ``two`` or telemetry ``data`` is given, not both,
     or if one of the options of telemetry, ``others`` by name, is given without telemetry."""
     if (two is None) == (data is None):
-        raise click.UsageError("give RUN_B, or the telemetry of a flight by --data")
+        raise click.UsageError("give RUN_B, or the telemetry of a flight by --data, not both")
     defaults = {"map": (), "cases": CASES}
     given = [name for name, value in others.items() if value != defaults.get(name)]
     if data is None and given:

@@ -144,7 +144,8 @@ def render_case_error(
 
 def render_rare_event(estimate: "RareEventEstimate") -> str:
     """Return a rare-event estimate as text: a table of the levels of subset simulation, the
-    probability with its interval, and the inputs of the violating cases."""
+    probability with its interval, and up to `_INPUTS` inputs whose values in the violating cases
+    differ most from those in all cases."""
     from sepmc.analysis.subset_simulation import equivalent_direct_cases
 
     unit = "" if estimate.unit == "1" else f" {estimate.unit}"

@@ -135,7 +135,8 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 def _content(
     campaign: Campaign, run: RunStatistics, drivers: InputSensitivity, folder: Path
 ) -> page.ReportContent:
-    """Return the content of the report of a run, still without points, replays and flight."""
+    """Return the content of the report of a run without the case points, the replays and the
+    comparison with a flight, which the caller adds."""
     manifest, counts = run.manifest, run.summary.counts
     units = {column.name: column.unit for column in campaign.outcome_columns}
     source = campaign.file.reference.source if campaign.file.reference else "reference"
@@ -212,8 +213,9 @@ def _cell(value: Any) -> str:
 def _points(
     campaign: Campaign, run: RunStatistics, folder: Path, outcomes: Sequence[str]
 ) -> dict[str, Any]:
-    """Return the values of inputs and ``outcomes`` of the cases, for the figure of the page that
-    can be zoomed (`sepmc.report.case_points.case_points`)."""
+    """Return the values of the first `_INPUTS` inputs and of those ``outcomes`` that are not
+    constant, for the figure of the page that can be zoomed
+    (`sepmc.report.case_points.case_points`)."""
     return case_points(
         CaseColumns(folder),
         [name for name in outcomes if not is_constant(run.table, name)],

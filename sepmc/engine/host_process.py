@@ -1,5 +1,5 @@
-"""Safety in a host process with threads and forks: a lock for loading kernels, and functions that a
-forked process calls to reset its state.
+"""Safety in a host process with threads and forks: a lock for loading kernels, and `at_fork`, by
+which other modules register functions that reset their state in a forked process.
 
 Both use `os.register_at_fork`, which systems without fork do not have.
 """

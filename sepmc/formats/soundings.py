@@ -132,9 +132,10 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
             understood.append("direction taken as where the air moves to, 0 along ground x")
     else:
         raise FormatError(
-            "needs speed and from_deg (by compass) or direction_deg (to, from ground x), or along "
-            'and across, or east and north; choose by columns = { from = "TITLE" } and the like; '
-            "has " + ", ".join(columns.table.columns)
+            "needs columns of speed and either from (by compass) or direction (to, from ground x), "
+            "or of along and across, or of east and north; choose them by "
+            'columns = { speed = "TITLE", from = "TITLE" } or the like; has '
+            + ", ".join(columns.table.columns)
         )
     return _sorted(tree, understood)
 

@@ -247,7 +247,7 @@ def _curve(points: list[tuple[float, float]], places: list[str]) -> ThrustCurve:
     steps = list[float]()
     for (time, thrust), where in zip(points, places, strict=True):
         if time < 0.0:
-            raise FormatError(f"{where}: the time {time:g} s is before the ignition")
+            raise FormatError(f"{where}: the time {time:g} s is before the ignition at 0 s")
         if times and steps and times[-1] == math.nextafter(time, math.inf) and steps[-1] == time:
             thrusts[-1] = thrust  # a third row at one time: the last counts
         elif times and time == times[-1]:

@@ -30,7 +30,7 @@ def matrix(q):
 
 @formula
 def unit(q):
-    """Quaternion of unit length, q / |q|."""
+    """Quaternion of unit length, q / |q|; not finite if q is zero."""
     inverse = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse)
 

@@ -200,7 +200,8 @@ def _distance(angle, ellipse, section):
 def _nearest(along, rho, length, r0, r1):
     """Return the point of a solid part nearest to the point (along, rho); both are coordinates
     along the axis of the part and across it, m. In the half plane through its axis the part is a
-    trapezoid; a point inside of it is returned as it is."""
+    trapezoid of the given length, with the radii ``r0`` at its start and ``r1`` at its end, m; a
+    point inside of it is returned as it is."""
     rise = r1 - r0
     if 0.0 <= along <= length and (rho - r0) * length <= rise * along and rho <= max(r0, r1):
         return along, rho
@@ -249,7 +250,8 @@ def _bend(ellipse, section, distance):
 @routine
 def _descend(angle, distance, ellipse, section):
     """Descend along the circle from the point at ``angle``, whose distance from the part is
-    ``distance``, to a local minimum. Returns the distance there and its angle."""
+    ``distance``, to a local minimum. Returns the distance there and its angle. ``ellipse`` and
+    ``section`` as in `_distance`."""
     noinline()
     low, f_low, fall = angle, distance, _distance(angle, ellipse, section)[1]
     if fall == 0.0:

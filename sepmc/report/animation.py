@@ -1,7 +1,7 @@
 """Animation of one case: the separating bodies in side view and top view.
 
 Layout points are points of the vehicle as a scene gives them: station (measured aft), y (up) and z
-(right), m.
+(right), m. In every function ``scene`` is the scene with the inputs of the case.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Figure that compares the outcomes of two runs in the same axes."""
+"""Figure with the cumulative distributions of each outcome in two runs, in the same axes."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,8 @@
 """Drawing of the vehicle at the start, in side, top and rear view: outlines, centres of mass with
 their dispersion, joints, springs, motors with their thrust, and loads.
 
-Points are in layout coordinates: station (measured aft), y (up) and z (right), m.
+Points are in layout coordinates: station (measured aft), y (up) and z (right), m. The scene has its
+nominal values.
 """
 
 import math

@@ -165,7 +165,8 @@ def _histograms(
     panels: Sequence[tuple[Any, ...]], path: Path, about: str, side_by_side: bool
 ) -> Path:
     """Draw a figure of histograms, three in a row if ``side_by_side``, else one, and return its
-    path; each of the ``panels`` is a tuple of the arguments of `_histogram` after ``ax``."""
+    path; each of the ``panels`` is a tuple of the arguments of `_histogram` after ``ax``, ``about``
+    is the title."""
     columns = min(3, len(panels)) if side_by_side else 1
     figure, axes = make_axes(
         -(-len(panels) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)

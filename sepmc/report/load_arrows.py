@@ -1,4 +1,7 @@
-"""Forces of springs and loads at each row of the history of a case, for the arrows of replays."""
+"""Forces of springs and loads at each row of the history of a case, for the arrows of replays.
+
+In every function ``scene`` is the scene with the inputs of that case.
+"""
 
 from collections.abc import Iterator
 

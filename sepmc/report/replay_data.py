@@ -1,4 +1,7 @@
-"""Data of the three-dimensional replays of cases in a report, which `replay.js` draws."""
+"""Data of the three-dimensional replays of cases in a report, which `replay.js` draws.
+
+In every function ``scene`` is the scene with the inputs of the case whose ``history`` it gets.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -170,7 +173,8 @@ def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 
 def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np.ndarray:
-    """Return the value (n,), SI, of the parameter ``field`` of a motor at each row of a history."""
+    """Return the value (n,), SI, of the parameter ``field`` of a motor at each of the n rows of the
+    history of a case; ``scene`` and ``motor`` have the inputs of that case."""
     return driven(history, scene, f"motor.{motor.name}.{field}", getattr(motor, field))
 
 
@@ -199,7 +203,8 @@ def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dic
 
 
 def thrust(history: pd.DataFrame, scene: Scene, motor: Motor) -> np.ndarray:
-    """Return the thrust of a motor (n,), N, at each row of a history; 0 if it does not ignite."""
+    """Return the thrust of a motor (n,), N, at each of the n rows of the history of a case; 0 if it
+    does not ignite. ``scene`` and ``motor`` have the inputs of that case."""
     ignition = motor.ignition + motor.delay if isinstance(motor.ignition, float) else np.nan
     ignition = history.attrs["outcomes"].get(f"{motor.name}_ignition_time_s", ignition)
     if np.isnan(ignition):

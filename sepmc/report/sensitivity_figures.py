@@ -149,9 +149,9 @@ def attribution_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw for each failure the inputs, and pairs of inputs, that distinguish its cases from the
-    others: a bar for the fraction of information that each explains, with the range of the inputs
-    where most of the failed cases are.
+    """Draw for each failure up to five inputs, or pairs of inputs, that best distinguish its cases
+    from the others: a bar for the fraction of information that each explains, with the range of the
+    inputs where most of the failed cases are.
 
     Parameters
     ----------

@@ -143,7 +143,8 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
 def _crossing(low, high, w, scratch, threshold, side):
     """Return the fraction of the step, between ``low`` and ``high``, at which the magnitude crosses
     a threshold from a ``side`` (1: from below, -1: from above), by bisection; and the size of its
-    derivative by the fraction of the step there."""
+    derivative by the fraction of the step there. The coefficients of the vector are at
+    w[scratch]."""
     start = low
     while high - low > 1e-16 + 2e-16 * high:
         middle = 0.5 * (low + high)
@@ -195,8 +196,8 @@ def _turns(sizes, w, i, side):
 
 @routine
 def _lowest(low, high, w, scratch):
-    """Return the fraction of the step, between ``low`` and ``high``, at which the magnitude is
-    smallest, by golden section."""
+    """Return the fraction of the step, between ``low`` and ``high``, at which the magnitude of the
+    vector with the coefficients at w[scratch] is smallest, by golden section."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     for _ in range(ROUNDS):
         one, other = low + golden * (high - low), high - golden * (high - low)

@@ -116,7 +116,7 @@ def _height(theta, w, scratch, ends):
 
     If ``ends`` is 0, it is the magnitude of the vector. Otherwise the coefficients are those of
     `update_min_drive_ratio`, and it is -max(F, 0) / P, with the separating force F of the guide and
-    the sum P of the loads of its ``ends`` pin ends.
+    the sum P of the loads of its ``ends`` pin ends; minus infinity where P is 0.
     """
     if ends == 0:
         return size_at(theta, w, scratch)
@@ -217,7 +217,8 @@ def _halved(tolerance, w, scratch):
 @routine
 def put_sizes(nodes, stride, w, sizes):
     """Compute the magnitudes of a vector at the nodes and store them from w[sizes] on. Returns the
-    largest magnitude, and the number, from 0, of the first node that has it."""
+    largest magnitude, and the number, from 0, of the first node that has it, to round-off.
+    ``nodes`` and ``stride`` are as in `update_between`."""
     largest, node = 0.0, 0
     for i in range(COUNT):
         k = nodes + i * stride
@@ -285,15 +286,17 @@ def _smaller(a, b):
 @formula
 def _higher(largest, theta, size, node):
     """Include one more magnitude, ``size`` at ``node``, in the largest magnitude so far, which is
-    at ``theta``. Returns the largest magnitude and where it is. Both places are given as fractions
-    of the step, or both as numbers of nodes."""
+    at ``theta``. Returns the largest magnitude and where it is; the earlier one stays unless the
+    new one is larger by more than round-off (`_SAME`). Both places are given as fractions of the
+    step, or both as numbers of nodes."""
     is_larger = size > _SAME * largest
     return size if is_larger else largest, node if is_larger else theta
 
 
 @formula
 def _is_inner_summit(previous, current, following):
-    """Return 1.0 if the magnitude at a node is higher than at its neighbours, else 0.0."""
+    """Return 1.0 if the magnitude at a node is higher than at the node before and not lower than at
+    the node after, and exceeds the lower of the two by more than round-off (`_SAME`); else 0.0."""
     rises = 1.0 if current > previous else 0.0
     rises = rises if current >= following else 0.0
     return rises if current > _SAME * _smaller(previous, following) else 0.0
@@ -479,7 +482,8 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
 @routine
 def set_coefficients(nodes, stride, w, scratch):
     """Compute the Chebyshev coefficients of the three components of a vector from their values at
-    the nodes, and store them from w[scratch] on, component by component."""
+    the nodes, and store them from w[scratch] on, component by component. ``nodes`` and ``stride``
+    are as in `update_between`."""
     noinline()
     for component in range(3):
         for j in range(COUNT):
@@ -504,7 +508,8 @@ def rises(sizes, w, i):
 
 @routine
 def _any_rises(sizes, w):
-    """Return True if the magnitude has a peak next to any node (`rises`)."""
+    """Return True if the magnitude has a peak next to any node (`rises`); its values at the nodes
+    are at w[sizes]."""
     for i in range(COUNT):
         if rises(sizes, w, i):
             return True
@@ -513,8 +518,11 @@ def _any_rises(sizes, w):
 
 @routine
 def _note_summits(sizes, w, scratch, out, t, h):
-    """Search the peaks of the magnitude between the nodes of a step, from t to t + h, s, and update
-    with them the peak and its time, at w[out] and w[out + LANES]."""
+    """Search the peaks of the magnitude between the nodes of a step, from t to t + h, s.
+
+    A peak that is larger by more than round-off replaces the peak so far and its time, at w[out]
+    and w[out + LANES]. Magnitudes at the nodes are at w[sizes], the coefficients at w[scratch].
+    """
     noinline()
     for i in range(COUNT):
         if rises(sizes, w, i):

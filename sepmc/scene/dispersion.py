@@ -293,7 +293,8 @@ def _from_distribution(
         ):
             problems.add(
                 key_path,
-                "discrete needs values, and as many weights >= 0 with a positive, finite sum",
+                "discrete needs values; weights, if given, must be one for each value, >= 0, "
+                "with a positive, finite sum",
             )
     elif spec.weights is not None:
         problems.add(key_path, "weights belong to the discrete distribution")

@@ -74,8 +74,9 @@ def leaves_pins_sliding(rows: tuple[int, ...]) -> bool:
 
 
 def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
-    """Orthonormal right-handed joint axes x, y, z, shape (9,), from an x axis and a vector whose
-    part normal to it gives the y axis."""
+    """Orthonormal right-handed joint axes x, y, z, one after the other, shape (9,), from a vector
+    along x and one whose part normal to it is along y; in the axes of these two, which need no unit
+    length. NaN if they are parallel or zero."""
     x = np.array(x_axis) / np.linalg.norm(x_axis)
     y = np.array(y_axis) - x * (x @ np.array(y_axis))
     y /= np.linalg.norm(y)

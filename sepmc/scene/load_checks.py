@@ -175,7 +175,7 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
     if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
         not part.points
     ):
-        problems.add(key_path, "give stations_m and radii_m (a frustum), or points_m")
+        problems.add(key_path, "give stations_m and radii_m (a frustum), or points_m, not both")
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
         problems.add(f"{key_path}.hollow", "only a frustum of some length can be hollow")
     if part.sector is not None:

@@ -94,7 +94,9 @@ def _check_can_move(
         }
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:
-                reason = f"is {kind!r} in this phase, which has no {key}, so this is never met"
+                reason = (
+                    f"is {kind!r} in this phase, which has no {key}, so the condition is never met"
+                )
                 problems.add(f"{key_path}.joint", reason, joint)
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):

@@ -136,8 +136,9 @@ def _components(
 def _read_named(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> dict[str, Any]:
-    """Convert a table of tables by name, such as [body.NAME], to a dict of structs of a kind. Adds
-    problems; a table with problems gives None."""
+    """Convert a table of tables by name, such as [body.NAME], to a dict of structs of a kind by
+    name. Adds problems: a named table with problems is None in the dict, and the dict is empty if
+    ``tree`` is no table."""
     if not isinstance(tree, dict):
         problems.add(key_path, "must be a table of tables", tree)
         return {}

@@ -146,8 +146,9 @@ class Studio:
         return make_slider(self.campaign, question.key).as_json()
 
     def run(self, question: Question) -> dict[str, Any]:
-        """Run the cases with the settings of the sliders; return settings, counts, notes, verdicts
-        and, for the outcomes to draw, histograms with statistics."""
+        """Run the cases of a question, at most `MAX_CASES`, with the settings of its sliders, after
+        a run in progress has ended. Return settings, counts, notes, verdicts and, for the outcomes
+        to draw, histograms with statistics."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)

@@ -13,7 +13,10 @@ TYPES = {"i": INT, "f": FLOAT, "a": POINTER}
 
 
 class callee:
-    """Compile unit that another unit calls by its address.
+    """Reference to a compile unit by its position, which lets another unit call it by its address.
+
+    The source of the calling unit has it under the name of the called function: the translator
+    writes a call of that name by `call`.
 
     Parameters
     ----------

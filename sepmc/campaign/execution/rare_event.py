@@ -440,9 +440,10 @@ def _error_notes(
     integration: Integration, limit: LimitState, relative_error: float, estimate: Estimate
 ) -> list[str]:
     """Notes for the user if the numerical error of the outcome is unknown, or too large: many cases
-    are nearer to the bound, or two levels nearer to each other, than that error.
+    are nearer to the bound, or two levels nearer to each other, than that error. Empty if neither.
 
-    ``relative_error`` is that of the outcome, NaN if unknown.
+    ``relative_error`` is the error of the outcome relative to the larger of its scale
+    (``integration.scale``) and the absolute value of the bound; NaN if unknown.
     """
     scale = (
         0.0

@@ -84,7 +84,8 @@ def pack(
 def _axis(points, ends):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
     cubic splines, and the matrix, shape (coefficients, points), that maps tabulated values to
-    spline coefficients. An axis of one point has no span and the matrix 1."""
+    spline coefficients. An axis of one point has no span and the matrix 1. ``ends`` is as in
+    `pack`, but constants beyond the ends are added by `_with_constant_ends`."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
 
     assert np.all(np.diff(points) > 0.0)
@@ -140,7 +141,7 @@ def _monotone(points, values, ends):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
     monotone cubics, and the coefficients of functions with the tabulated ``values``, shape
     (functions, points, ...): value and slope of each point in turn, shape (functions, ..., 2
-    points)."""
+    points). ``ends`` is as in `_axis`."""
     from scipy.interpolate import PchipInterpolator  # noqa: PLC0415
 
     slopes = PchipInterpolator(points, values, axis=1).derivative()(points)

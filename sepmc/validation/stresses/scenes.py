@@ -88,7 +88,8 @@ def without_step(tree: Tree) -> Tree:
 
 
 def simulate(tree: Tree, rows: int = 20) -> NominalRun:
-    """Nominal run of a scene, with about ``rows`` rows of history, evenly spaced."""
+    """Nominal run of a scene, with history rows at intervals of its end time over ``rows``: fewer
+    than ``rows`` if the case ends earlier."""
     campaign = make(tree)
     return NominalRun(campaign, campaign.scene.run.end_time / rows)
 
@@ -183,13 +184,13 @@ class Composite:
         )
 
     def rate_error(self, name: str | None = None) -> float:
-        """Relative error of the angular rates of a body, by default of the second one."""
+        """Error of the angular rates of a body, by default of the second one, by `relative`."""
         return relative(self.run.body(name or self.second).w, self.rate)
 
     def attitude_error(self, name: str | None = None) -> float:
-        """Relative error of the attitude matrices of a body, by default of the second one."""
+        """Error of the attitude matrices of a body, by default of the second one, by `relative`."""
         return relative(self.run.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:
-        """Relative error of the force of a joint on the second body."""
+        """Error of the force of a joint on the second body, by `relative`."""
         return relative(self.run.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
