@@ -162,7 +162,7 @@ class _LimitSearch:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Levels (d,) of the nominal case: 0 for every input."""
+        """Levels (d,) of the nominal case: 0, the code of the nominal value, for every input."""
         return np.zeros(len(self.values), dtype=int)
 
     @cached_property

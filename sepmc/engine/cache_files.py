@@ -162,7 +162,8 @@ def _link(objects: Sequence[tuple[list[str], bytes]]) -> tuple[list[int], bindin
     if missing:
         raise RuntimeError(
             f"machine code (llvmlite {llvmlite.__version__}) needs {', '.join(missing)}: not a "
-            "symbol of this process; install a version of numba that sepmc was tested with"
+            "symbol of this process, so it cannot be run; install another version of numba, which "
+            "brings another llvmlite"
         )
     for _, code in objects:
         engine.add_object_file(binding.ObjectFileRef.from_data(code))

@@ -142,7 +142,7 @@ def _choose(elements: list[Element], name: Any, what: str) -> Element:
     if name is None and len(elements) > 1:
         some = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
         raise FormatError(
-            f'has {len(elements)} elements {what}; choose one by link = "NAME": {some}'
+            f'has {len(elements)} elements <{what}>; choose one by link = "NAME": {some}'
         )
     if name is None:
         return elements[0]

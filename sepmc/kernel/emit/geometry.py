@@ -50,10 +50,11 @@ class Line:
     """Line between points of two bodies A and B, along which a force or constraint acts; ground
     axes.
 
-    ``e`` is the unit vector along it. ``arm_a``, ``arm_b`` are the moments on A and on B about
-    their mass centres, per newton of a force along e on B and against e on A, m. ``length`` is the
-    distance of the points along e, m, ``rate`` its rate, m/s; ``gamma`` is minus the velocity terms
-    of its second derivative, m/s2.
+    ``e`` is the unit vector along it: from A to B, or an axis fixed in A. One newton along the line
+    is the force e on B and -e on A; ``arm_a``, ``arm_b`` are its moments about their mass centres:
+    e x rho_a on A, rho_b x e on B, m (arms of `Pair`). ``length`` is the component along e of the
+    vector from A's point to B's, m (it may be negative along an axis), ``rate`` its rate, m/s;
+    ``gamma`` is minus the velocity terms of its second derivative, m/s2.
     ``own`` has direction and lever in the axes of the rigid group if ``e`` is fixed in a group that
     contains both bodies, else None.
     """
