@@ -59,7 +59,8 @@ def write_estimation(estimation: Estimation, folder: Path, figure: bool) -> list
 
 
 def _summary(estimation: Estimation) -> dict[str, Any]:
-    """Return the content of ``posterior.json``."""
+    """Return the content of ``posterior.json``, JSON data: how the posterior was sampled and how
+    well, correlations of parameters, and the tests of the model check."""
     check, sample = estimation.check, estimation.sample
     tests = {"blocks": check.blocks, "parameters": check.parameters, "noise": check.noise}
     return {

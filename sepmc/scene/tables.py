@@ -105,7 +105,7 @@ def _read_items(
     field: Field, tree: dict[str, Any], key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table whose keys are free, such as the terms of a polynomial or the joints of a
-    phase. Adds problems."""
+    phase, to a dict of its values. Adds problems; the dict is complete only without them."""
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():
@@ -136,8 +136,8 @@ def _components(
 def _read_named(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> dict[str, Any]:
-    """Convert a table of tables by name, such as [body.NAME], to a dict of structs of a kind. Adds
-    problems; a table with problems gives None."""
+    """Convert a table of tables by name, such as [body.NAME], to structs of a kind by name. Adds
+    problems; a table with problems has None in place of its struct."""
     if not isinstance(tree, dict):
         problems.add(key_path, "must be a table of tables", tree)
         return {}

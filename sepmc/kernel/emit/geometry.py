@@ -51,10 +51,11 @@ class Line:
     axes.
 
     ``e`` is the unit vector along it: from A to B, or an axis fixed in A. One newton along the line
-    is the force e on B and -e on A; ``arm_a``, ``arm_b`` are its moments about their mass centres:
-    e x rho_a on A, rho_b x e on B, m (arms of `Pair`). ``length`` is the component along e of the
-    vector from A's point to B's, m (it may be negative along an axis), ``rate`` its rate, m/s;
-    ``gamma`` is minus the velocity terms of its second derivative, m/s2.
+    is the force e on B and -e on A, both at B's point; ``arm_a``, ``arm_b`` are its moments on A
+    and on B about their mass centres, m: e x (rho_a + d) and rho_b x e in terms of `Pair`.
+    ``length`` is the component along e of the vector d from A's point to B's, m (along an axis it
+    may be negative), ``rate`` its rate, m/s; ``gamma`` is minus the velocity terms of its second
+    derivative, m/s2.
     ``own`` has direction and lever in the axes of the rigid group if ``e`` is fixed in a group that
     contains both bodies, else None.
     """
