@@ -24,7 +24,8 @@ _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, owner
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file atomically: no other process or thread sees a partial file.
+    """Write a file atomically: no other process or thread sees a partial file. Its folder must
+    exist.
 
     Raises
     ------
