@@ -301,8 +301,8 @@ class Campaign(Definition):
         if isinstance(case, Case):
             if contents(case.scene, self.dispersed) != self.layout.contents:
                 message = (
-                    "must be of this campaign, made by campaign.case(NUMBER); its scene has other "
-                    "result columns"
+                    "must be a case of this campaign, made by campaign.case(NUMBER); its scene has "
+                    "other result columns"
                 )
                 raise InputError(f"case = {case!r}: {message}")
         elif case is not None:

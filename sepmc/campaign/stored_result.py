@@ -39,8 +39,8 @@ def open_run(folder: str | Path) -> Result:
     manifest = manifests.read_manifest(path)
     if not manifests.has_case_rows(manifest):
         raise StoreError(
-            f"{path}: contains no case rows, which sepmc.open reads: it is a run with statistics "
-            "only, a single case or a rare-event estimate"
+            f"{path}: contains no case rows, which sepmc.open reads: it is a single case, or was "
+            "run with statistics only or by --rare"
         )
     campaign = load(path)
     statistics = evaluate(campaign, read_summary(path, campaign), manifest)
