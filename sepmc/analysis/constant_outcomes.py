@@ -169,7 +169,8 @@ def round_to_error(value: float, error: float) -> float:
 
 
 def constant_value(table: pd.DataFrame, name: str) -> float:
-    """Return the value of a constant outcome, rounded by `round_to_error`."""
+    """Return the value of a constant outcome: its mean, rounded by `round_to_error`. ``table`` is
+    from `with_constants`."""
     return round_to_error(float(table["mean"][name]), float(table["error_size"][name]))
 
 

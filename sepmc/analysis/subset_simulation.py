@@ -175,8 +175,13 @@ class Estimate:
         return self._interval(self.known + self.unknown)
 
     def _interval(self, estimates: np.ndarray) -> tuple[float, float]:
-        """Return the ends of the 95 % interval of a probability from the ``estimates`` (r,) of the
-        replicas. If all of them are 0, its upper end is that of the last level that was reached."""
+        """Return the ends (low, high) of the 95 % interval of a probability, from its ``estimates``
+        (r,) by the replicas.
+
+        With only one level, direct Monte Carlo, it is the binomial interval of all cases. If all
+        estimates are 0, ``high`` is that of the probability to reach the last level that any
+        replica reached, or 1 if there is none.
+        """
         if len(self.levels) == 1:  # direct Monte Carlo
             cases = self.size * len(estimates)
             return binomial_interval(round(float(estimates.mean()) * cases), cases)

@@ -55,7 +55,7 @@ class PosteriorSample:
     Attributes
     ----------
     scores : ndarray, shape (n, d)
-        The d scores of each particle.
+        The d unknowns of each particle, independent standard normal variables under the prior.
     log_likelihood : ndarray, shape (n,)
         Minus half of the sum of the squares of its residuals.
     log_evidence : float

@@ -60,8 +60,8 @@ class Reference:
 
 
 def reference_times() -> int:
-    """Return the largest time that `make_reference` may take, as a multiple of the time of one run
-    of all cases."""
+    """Return the largest time that `make_reference` may take without its check by the other
+    formulation, as a multiple of the time of its first run of all cases."""
     return sum(2**k for k in range(_DOUBLINGS + 1))
 
 

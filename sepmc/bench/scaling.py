@@ -23,8 +23,13 @@ _MAX_S = 20.0  # kernel time of one run
 
 def measure(study: Study) -> pd.DataFrame:
     """Measure scaling; return a table with a row for each number of cases, which a process of its
-    own runs with ``stats_only``, and one for each number of threads; column ``over`` names
-    which."""
+    own runs with ``stats_only`` (``over`` is "cases"), and one for each number of threads
+    ("threads").
+
+    All have ``cases``, ``threads``, ``us_per_case`` and ``kernel_s``, median kernel times. Rows
+    over cases also have ``sample_s`` and ``peak_MB``, those over threads ``spread`` and
+    ``speed_up``, over one thread.
+    """
     return pd.DataFrame(_by_cases(study) + _by_threads(study))
 
 

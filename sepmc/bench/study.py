@@ -92,7 +92,8 @@ class Study:
 
     @property
     def own_cases(self) -> int:
-        """Number of cases to run with the scene's own formulation; see `part`."""
+        """Number of cases to run with the scene's own formulation: all if it is "reduced", a
+        sixteenth if "full" (see `part`)."""
         return self.part(self.formulation)
 
     @property

@@ -78,8 +78,9 @@ def warnings(name: str, frame: pd.DataFrame) -> list[str]:
 
 
 def noise_warning(name: str, frame: pd.DataFrame) -> str:
-    """Return a warning if the repeats of a part scatter by more than 10 % in the median row, else
-    an empty string."""
+    """Return a warning if the median of the column ``spread`` of a part's table (interquartile
+    range of the repeats of a row over their median) is above 10 %, else an empty string, also if
+    there is no spread. ``name`` is the part."""
     spreads = frame["spread"].dropna() if "spread" in frame else pd.Series(dtype=float)
     if not len(spreads) or spreads.median() <= MAX_QUIET_SPREAD:
         return ""
@@ -92,7 +93,12 @@ def noise_warning(name: str, frame: pd.DataFrame) -> str:
 
 def threads_warning(frame: pd.DataFrame) -> str:
     """Return a warning if the largest number of threads is at most 1.1 times as fast as one, else
-    an empty string."""
+    an empty string.
+
+    ``frame`` is the table of a part of the benchmark; only that of "scaling" has the columns used,
+    ``threads`` and ``speed_up`` (over one thread), in which threads rise from row to row. Without
+    two speed-ups there is no warning.
+    """
     speed_ups = frame["speed_up"].dropna() if "speed_up" in frame else pd.Series(dtype=float)
     if len(speed_ups) < 2 or speed_ups.iloc[-1] > MIN_SPEED_UP:
         return ""

@@ -29,9 +29,11 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
     Returns
     -------
     DataFrame, a row per variant
-        Settings of the variant; ``error``, the largest against the reference, and the outcome that
-        has it; median and smallest time, ms for 10,000 cases. ``scaled`` if fewer than the study's
-        cases were run; ``default`` if its steps are those of a run of the campaign.
+        ``formulation``, ``method``, ``setting`` and ``requested`` accuracy of the variant;
+        ``error``, the largest against the reference, and ``worst_outcome``, which has it; ``ms``
+        and ``best_ms``, median and smallest time of 10,000 cases; ``us_per_case``; ``cases``,
+        ``repeats`` and their ``spread``. ``scaled`` is True if fewer than the study's cases were
+        run, ``default`` if its steps are those of a run of the campaign.
     """
     variants = _variants(study, "reduced")
     if study.formulation == FULL:
@@ -179,8 +181,8 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
 
 
 def _multiples(integration: Integration) -> list[Integration]:
-    """Return an integration with half, twice and four times its number of steps, in which no case
-    is refined; a fixed step is not doubled."""
+    """Return copies of an integration with half, twice and four times its number of steps, in which
+    no case is refined; the first is left out if the file gives the step."""
     half = np.maximum(1, np.round(0.5 * integration.steps)).astype(np.int64)
     fewer = [replace(integration, steps=half)] if integration.step is None else []
     return [

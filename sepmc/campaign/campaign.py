@@ -300,7 +300,10 @@ class Campaign(Definition):
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
             if contents(case.scene, self.dispersed) != self.layout.contents:
-                message = "must be a case of this campaign, but it has other columns"
+                message = (
+                    "must be a case of this campaign, made by campaign.case(NUMBER); its scene has "
+                    "other result columns"
+                )
                 raise InputError(f"case = {case!r}: {message}")
         elif case is not None:
             case = self.case(check_int("case", case, 0, CASES - 1))

@@ -64,8 +64,8 @@ class Case:
     inputs : dict of str to float
         Dispersed inputs by column name, in the units of the campaign file; empty if nominal.
     reach : dict of str to (float, float)
-        Smallest and largest value that each input can have, by column name; mean +- 3 sigma for a
-        normal distribution without truncation.
+        Smallest and largest value that each input can have, by column name, in the unit of
+        ``inputs``; mean +- 3 sigma for a normal distribution without truncation. Empty if nominal.
     """
 
     number: int

@@ -179,8 +179,8 @@ class DesignBox(Definition):
         return box
 
     def layout_of(self, definition: Definition) -> ParameterLayout:
-        """Return the parameter vector of the box, with the nominal values of a campaign, such as
-        one of `ends`."""
+        """Return the parameter layout of the box, with the nominal values of a campaign that has
+        the same parameters, such as one of `ends`."""
         return make_parameter_layout(definition.scene, self.dispersed)
 
     @cached_property

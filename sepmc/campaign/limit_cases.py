@@ -162,7 +162,7 @@ class _LimitSearch:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Levels (d,) of the nominal case: 0 for every input."""
+        """Levels (d,) of the nominal case: 0, the code of the nominal value, for every input."""
         return np.zeros(len(self.values), dtype=int)
 
     @cached_property
@@ -221,7 +221,8 @@ class _LimitSearch:
         """Judge cases by a requirement; ``status`` (n,) and ``outcomes`` (n, o) are those of `run`.
 
         Returns outcome, margin and score, each (n,). Outcome and margin are NaN for a requirement
-        on a status. The score is negative in a violating case, and minus infinity without a result.
+        on a status. The score is the margin, for a requirement on a status 1 or -1: negative in a
+        violating case, and minus infinity without a result.
         """
         is_ok = status == Status.OK
         if item.metric not in self.columns:

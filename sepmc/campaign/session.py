@@ -49,8 +49,8 @@ class _Sample:
 
     ``base`` (d, n): a row per input column of the box, SI, at the low end of all variables; rows of
     varied parameters without dispersion are 0. ``ends``: for the index of each column that is both
-    varied and dispersed, its inputs at the low and at the high end of all variables, each (n,), in
-    the unit of the key.
+    varied and dispersed, its inputs at the low and at the high end of its variable, each (n,), in
+    the unit of the key; those of a design are interpolated linearly between them.
     """
 
     base: np.ndarray
@@ -550,7 +550,7 @@ def _outcomes(box: Definition, block: Block, is_ok: np.ndarray) -> np.ndarray:
 
 
 def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
-    """Return True if an audit column of an ok case (mask ``is_ok``) is beyond its bound."""
+    """Return True if an audit column of an ok case (mask ``is_ok``) is beyond its bound, or NaN."""
     audited = [
         (k, column.scale, AUDIT_BOUNDS[column.name])
         for k, column in enumerate(box.result_columns)

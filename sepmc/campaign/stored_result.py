@@ -38,7 +38,10 @@ def open_run(folder: str | Path) -> Result:
         raise StoreError(f"{path}: is no folder of a run")
     manifest = manifests.read_manifest(path)
     if not manifests.has_case_rows(manifest):
-        raise StoreError(f"{path}: contains no case rows, which sepmc.open reads")
+        raise StoreError(
+            f"{path}: contains no case rows, which sepmc.open reads: it is a single case, or was "
+            "run with statistics only or by --rare"
+        )
     campaign = load(path)
     statistics = evaluate(campaign, read_summary(path, campaign), manifest)
     record = statistics.accuracy

@@ -92,8 +92,9 @@ def _without_proposal(allocation: Allocation) -> str:
 
 
 def _change(row: Mapping[Any, Any], name: str) -> list[str]:
-    """Return two texts: the change of the violation probability if the spread of a row is halved
-    (``name`` is "half") or doubled ("double"), and its interval; dashes if it is not known."""
+    """Return two texts: the change of the violation probability if the spread of one input, a
+    ``row`` of `Allocation.table`, is halved (``name`` is "half") or doubled ("double"), and its
+    95 % interval; dashes if it is not known."""
     if row[name] != row[name]:
         return ["-", "-"]
     interval = f"{row[f'{name}_low']:+.3g} to {row[f'{name}_high']:+.3g}"
@@ -101,7 +102,8 @@ def _change(row: Mapping[Any, Any], name: str) -> list[str]:
 
 
 def _passes(row: Mapping[Any, Any]) -> str:
-    """Return text on whether the run with the doubled spread of a row passes; a dash if unknown."""
+    """Return "may be doubled" if the run with the doubled spread of one input, a ``row`` of
+    `Allocation.table`, shows all requirements; else "fails", or a dash if that is unknown."""
     return {True: "may be doubled", False: "fails"}.get(row["double_passes"], "-")
 
 

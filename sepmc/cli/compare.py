@@ -136,7 +136,9 @@ def _compare_runs(one: Path, two: Path, out: Path | None, overwrite: bool) -> No
 
 
 def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatistics]") -> None:
-    """Print the differences of two runs in campaign files, case numbers, statuses and verdicts."""
+    """Print the values that differ in the campaign files of two runs and, if they differ, the case
+    numbers; then of every status the number of cases, and of every requirement the verdict, in both
+    runs (``A -> B``), also where these are equal."""
     from sepmc.analysis.compare import tree_differences
 
     trees = [_without_cases(each.file.tree) for each in campaigns]

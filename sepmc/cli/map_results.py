@@ -58,7 +58,7 @@ def write_figures(designs: DesignMap, campaign: Campaign, path: Path) -> list[Pa
 
 
 def _sentence(campaign: Campaign, item: Requirement) -> str:
-    """Return a requirement as text."""
+    """Return a requirement of a campaign as one sentence, its bounds in the unit of the outcome."""
     units = {column.name: column.unit for column in campaign.outcome_columns}
     return requirement_sentence(item, units.get(item.metric, ""))
 

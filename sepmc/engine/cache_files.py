@@ -24,7 +24,8 @@ _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, owner
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file atomically: no other process or thread sees a partial file.
+    """Write a file atomically: no other process or thread sees a partial file. Its folder must
+    exist.
 
     Raises
     ------
@@ -162,7 +163,8 @@ def _link(objects: Sequence[tuple[list[str], bytes]]) -> tuple[list[int], bindin
     if missing:
         raise RuntimeError(
             f"machine code (llvmlite {llvmlite.__version__}) needs {', '.join(missing)}: not a "
-            "symbol of this process; install a version of numba that sepmc was tested with"
+            "symbol of this process, so it cannot be run; install another version of numba, which "
+            "brings another llvmlite"
         )
     for _, code in objects:
         engine.add_object_file(binding.ObjectFileRef.from_data(code))

@@ -314,11 +314,14 @@ def _in_python(module: ModuleType) -> None:
 def _eliminate(
     routine: Any, dependent: float, w: list[float], start: int, n: int, scratch: int, out: int
 ) -> float:
-    """Do what `linear.eliminate` does, for one lane, by LAPACK: ten times as fast in Python.
+    """Solve a system as `linear.eliminate` does, with the same pivoting, but by LAPACK, which is
+    ten times as fast in Python.
 
-    The arguments from ``w`` on and the result are those of `linear.eliminate`, the pivoting, too.
-    Systems with NaN or infinity are passed to ``routine``, which is `linear.eliminate` itself. A
-    system is singular if its smallest pivot is at most ``dependent``.
+    Arguments from ``w`` on and the result (smallest pivot, 0 if singular) are those of
+    `linear.eliminate`; here a workspace has one lane, so numbers are adjacent in it. Systems with
+    NaN or infinity are passed to ``routine``, which is `linear.eliminate` itself. A system is
+    singular if, with each row divided by its largest entry, the smallest pivot is at most
+    ``dependent``.
     """
     from scipy.linalg import lapack  # noqa: PLC0415  (few scenes need it)
 

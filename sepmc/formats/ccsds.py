@@ -75,7 +75,9 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
     azimuth = options.get("azimuth_deg")
     if azimuth is None:
         if np.linalg.norm(level) <= _LEVEL * speed:
-            raise FormatError("the velocity is vertical: give azimuth_deg, of ground x")
+            raise FormatError(
+                "the velocity is vertical: give azimuth_deg, the compass direction of ground x"
+            )
         azimuth = math.degrees(math.atan2(level @ east, level @ north)) % 360.0
     elif isinstance(azimuth, bool) or not isinstance(azimuth, int | float):
         raise FormatError(f"azimuth_deg = {shorten(azimuth)}: must be a number")

@@ -142,7 +142,7 @@ def _choose(elements: list[Element], name: Any, what: str) -> Element:
     if name is None and len(elements) > 1:
         some = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
         raise FormatError(
-            f'has {len(elements)} elements {what}; choose one by link = "NAME": {some}'
+            f'has {len(elements)} elements <{what}>; choose one by link = "NAME": {some}'
         )
     if name is None:
         return elements[0]
@@ -212,8 +212,8 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
     for key, plain in _WHOLE_MODEL:
         if compiler.get(key, plain[0]) not in plain:
             raise FormatError(
-                f"has {key} in its compiler: inertia then follows from the whole model, which is "
-                "not read"
+                f"has {key} in its element <compiler>: inertia then follows from the whole model, "
+                "which is not read"
             )
     bodies = [body for body in root.all("body") if body.child("inertial")]
     if name is not None and any(

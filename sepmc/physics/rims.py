@@ -179,7 +179,8 @@ def steepest(ellipse, slope):
     this half of a rim. If y0 < 0 in the ``ellipse``, it is a local maximum inside the half, or any
     angle if there is none.
 
-    With y0 < 0, J / sin phi falls only where sin^3 phi > r |y0| / ((1 + m^2) b^2).
+    With y0 < 0, J / sin phi (J, phi, m in the docstring of this module) falls only where
+    sin^3 phi > r |y0| / ((1 + m^2) b^2).
     """
     _, y0, _, _, r, b = ellipse
     if y0 >= 0.0:
@@ -199,7 +200,8 @@ def _signed(angle, side, ellipse, wall):
     ``angle``, ``side``, ``ellipse`` as in `rim_point`; ``wall`` is (r0, slope, length, margin), the
     last as in `rim_gap`. Returns four values:
 
-    - the distance, m;
+    - the distance, m: positive inside; negative outside while passed, by up to a tenth of the
+      radius; positive again further out, beside the shell;
     - the coordinate along the axis of the nearest point of the wall, m;
     - the excess, m: how far the point is outside the range that counts as passed, so above 0 where
       the point is beside the shell;

@@ -276,7 +276,7 @@ def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
 
 def _stages(frame: pd.DataFrame, title: str, _: float) -> Figure:
     """Draw the times, s, of the processing stages of a campaign and of whole commands, with
-    compiled kernels in the cache (warm) or not (cold)."""
+    compiled kernels in the cache (warm) or not (cold): a bar for each row of ``frame``."""
     figure, (ax,) = make_axes(1, 1, (7.6, 1.4 + 0.36 * len(frame)))
     rows = frame[::-1].reset_index(drop=True)
     colours = {

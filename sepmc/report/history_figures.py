@@ -416,7 +416,8 @@ def _share_scale(axes: Sequence[Axes]) -> None:
 
 
 def _spans(values: "pd.Series[float]", bounds: Sequence[float]) -> bool:
-    """Return True if values and bounds are all positive and span more than a factor of ten."""
+    """Return True if values and bounds are all positive and span more than a factor of ten, so that
+    a logarithmic scale suits them; NaN is left out."""
     numbers = np.append(values, bounds)
     low, high = np.nanmin(numbers), np.nanmax(numbers)
     return bool(0.0 < 10.0 * low < high)

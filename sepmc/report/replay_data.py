@@ -151,7 +151,8 @@ def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 
 def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the arrows of the thrust of motors, one for each motor on a body, at its nozzle."""
+    """Return the arrows (`replay_data`) of the thrust of motors, one for each motor on a body, at
+    its nozzle; ``until`` is None."""
     arrows, bodies = [], list(scene.body)
     for motor in scene.motor:
         if motor.body == GROUND:

@@ -163,8 +163,9 @@ def _motion(w, poses, h):
     """Return six bounds of the motion of body b relative to a over a step of ``h`` s, estimated
     from the POSES poses stored at w[poses].
 
-    They are the largest speed of b's origin seen from a, of a's origin seen from b, m/s, and of the
-    axes, 1/s; then the corresponding accelerations, m/s2, m/s2 and 1/s2.
+    The first three are speeds: of b's origin in the axes of a, m/s, of a's origin in the axes of b,
+    m/s, and of the relative rotation matrix (Frobenius norm of its rate), 1/s. The other three are
+    their accelerations, m/s2, m/s2 and 1/s2. Origins are the mass centres.
     """
     noinline()
     dt = h / (at.POSES - 1)
@@ -540,11 +541,13 @@ def _worth_halving(pair, w, job, right, curvature, speed, dt, tiny):
 
 @routine
 def _least_solids(d0, d1, curvature, estimate, move, dt):
-    """Return a lower bound, m, of the distance of two solids, or of an edge and a solid, between
-    two times ``dt`` apart, from its values d0 and d1 there.
+    """Return a lower bound, m, of the distance of two solids, of a sector or an edge and a solid,
+    between two times ``dt`` s apart, from its values d0 and d1 there.
 
-    The relative movement is at most ``move`` m; ``curvature`` is a bound of the relative
-    acceleration and ``estimate`` an estimate of the second derivative of the distance, m/s2.
+    The relative movement is at most ``move`` m; ``curvature`` bounds the relative acceleration,
+    m/s2. ``estimate``, of the second derivative of the distance, m/s2, replaces the bound of that
+    only where even the bound would lower the result by at most `_SURE`. If the distance may reach
+    0, the result is not above 0.
     """
     low = 0.5 * (d0 + d1 - move)
     if not low > 0.0:

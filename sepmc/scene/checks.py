@@ -266,7 +266,7 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
         problems.add(key_path, "the range of the distribution must be finite", numbers)
         return
     if max(-low, high) > LARGEST:
-        problems.add(key_path, f"must stay within {LARGEST:g} in size", numbers)
+        problems.add(key_path, f"must reach no value above {LARGEST:g} in size, in SI", numbers)
         return
     for bound, shown in dict.fromkeys(zip((low, high), dispersion.support, strict=True)):
         _, allowed = (

@@ -105,7 +105,7 @@ def _read_items(
     field: Field, tree: dict[str, Any], key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table whose keys are free, such as the terms of a polynomial or the joints of a
-    phase. Adds problems."""
+    phase, to a dict of its values. Adds problems; the dict is complete only without them."""
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():

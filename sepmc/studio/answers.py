@@ -128,7 +128,8 @@ class Studio:
         self._case_s = result.timing["kernel"] / self.cases
 
     def start(self) -> dict[str, Any]:
-        """Return the values that the page is rendered with at the start."""
+        """Return the values, by name, that the page is rendered with at the start: campaign, cases,
+        seed, sliders, keys that can have a slider, and names of requirements."""
         return {
             "name": self.campaign.name,
             "title": self.campaign.file.title,

@@ -124,7 +124,7 @@ def test_link_is_chosen_by_name(tmp_path):
     text = f"<robot>{urdf()}{urdf(name='lower')}<link name='empty'/></robot>"
     check(body_of(tmp_path, text, axes="forward-left-up", link="lower")[0])
     for options, reason in [
-        ({}, 'has 2 elements link; choose one by link = "NAME": stage, lower'),
+        ({}, 'has 2 elements <link>; choose one by link = "NAME": stage, lower'),
         ({"link": "uper"}, "has no link 'uper'"),
     ]:
         with pytest.raises(ValueError, match=reason):

@@ -360,7 +360,11 @@ def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
 
 def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
     """Mask (n,) of the cases within the limits of the calibration (error indicators and angles), to
-    which the error estimate applies."""
+    which the error estimate applies.
+
+    All are True if ``flight`` has no limits. A case without indicators is False; an angle that is
+    NaN, not defined, is within its limit.
+    """
     assert block.indicators is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)

@@ -104,10 +104,11 @@ class Executor(Protocol):
         function: Callable[[Job, int, int, int], RangeResult],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[RangeResult]:
-        """Call ``function(job, first, end, threads)`` in a worker for each range (first, end);
-        yield the results as they complete, in any order.
+        """Call ``function(job, first, end, threads)`` in a worker for each range (first, end) of
+        the cases ``first`` to ``end`` - 1; yield the results as they complete, in any order.
 
-        ``ranges`` is iterated a few ranges ahead of the completed ones.
+        ``ranges`` is iterated a few ranges ahead of the completed ones. An error of ``function`` is
+        raised here, too.
         """
 
 

@@ -493,7 +493,10 @@ class CaseColumns(Mapping[str, np.ndarray]):
             return pa.concat_tables(read)
         except pa.ArrowException as error:
             reason = printable(str(error))
-            raise StoreError(f"{self.folder}: its shards differ in columns: {reason}") from None
+            raise StoreError(
+                f"{self.folder}: its shards differ in columns: {reason}; sepmc doctor shows which "
+                "files were changed"
+            ) from None
 
     def batches(
         self, names: Sequence[str]

@@ -50,10 +50,12 @@ class Line:
     """Line between points of two bodies A and B, along which a force or constraint acts; ground
     axes.
 
-    ``e`` is the unit vector along it. ``arm_a``, ``arm_b`` are the moments on A and on B about
-    their mass centres, per newton of a force along e on B and against e on A, m. ``length`` is the
-    distance of the points along e, m, ``rate`` its rate, m/s; ``gamma`` is minus the velocity terms
-    of its second derivative, m/s2.
+    ``e`` is the unit vector along it: from A to B, or an axis fixed in A. One newton along the line
+    is the force e on B and -e on A, both at B's point; ``arm_a``, ``arm_b`` are its moments on A
+    and on B about their mass centres, m: e x (rho_a + d) and rho_b x e in terms of `Pair`.
+    ``length`` is the component along e of the vector d from A's point to B's, m (along an axis it
+    may be negative), ``rate`` its rate, m/s; ``gamma`` is minus the velocity terms of its second
+    derivative, m/s2.
     ``own`` has direction and lever in the axes of the rigid group if ``e`` is fixed in a group that
     contains both bodies, else None.
     """
@@ -373,7 +375,8 @@ class State:
         return vec3.dot(gap, self._spring_axis(spring)).called("spring_start")
 
     def _spring_ends(self, spring: Spring) -> tuple[Any, Any, Any]:
-        """Ends of a spring on its two bodies, as in `Case.ends`."""
+        """Ends of a spring: the arms from the mass centres of its two bodies to its points, and the
+        vector from the first point to the second at the start; body axes, m."""
         start = int(self.c.model.springs_p) + at.SPRING_SIZE * self._number(spring)
         return self.case.ends(start, spring.bodies, spring.second_point is not None)
 
