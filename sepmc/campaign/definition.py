@@ -148,8 +148,8 @@ class Definition:
             column.name for column in [*self.input_columns, *schema.result_columns(layout.contents)]
         )
         if repeated := [name for name, count in names.items() if count > 1]:
-            message = "two columns of the case table would be called {!r}; rename a body or joint"
-            raise SceneError([f"{self.name}: {message.format(name)}" for name in repeated])
+            reason = "would be the name of two columns of the case table; rename a body or joint"
+            raise SceneError([f"{self.name}: {name!r} {reason}" for name in repeated])
         return layout
 
     @cached_property

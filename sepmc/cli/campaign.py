@@ -189,7 +189,7 @@ def campaign(
             log(render_timing(result))
             run = result.written
             assert run is not None
-            show_results(folder, loaded, run, log)
+            show_results(loaded, run, log)
             if not no_plots:
                 figures = draw_figures(
                     folder, loaded, run.summary, run.table, run.verdicts, log=log, second=second

@@ -49,7 +49,7 @@ def check_rows(folder: Path) -> dict[str, Any]:
 
 
 def show_results(
-    folder: Path, campaign: "Campaign", run: "RunStatistics", log: "Log", columns: str | None = None
+    campaign: "Campaign", run: "RunStatistics", log: "Log", columns: str | None = None
 ) -> None:
     """Print statistics, failures, audit, numerical error and verdicts of a run by ``log``. If
     ``columns`` is given (patterns separated by commas), statistics are only of the outcomes that

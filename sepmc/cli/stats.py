@@ -65,7 +65,7 @@ def stats(
         warn(f"the run is not complete: {count} of {manifest.get('cases')} cases")
     warn(*manifest.get("notes", ()))
     run, log = run_statistics.write(folder, campaign, summary), logger(quiet=as_json)
-    show_results(folder, campaign, run, log, columns)
+    show_results(campaign, run, log, columns)
     log(f"wrote {folder}")
     code = exit_code(run, must_pass)
     if as_json:

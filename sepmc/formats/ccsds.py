@@ -299,7 +299,9 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         if order == "FIRST":
             quaternions = np.roll(quaternions, -1, axis=1)
         return Rotation.from_quat(quaternions), f"quaternions, scalar part {order.lower()}"
-    if kind.startswith("EULER_ANGLE") and rows.shape[1] >= 3:
+    if kind.startswith("EULER_ANGLE"):
+        if rows.shape[1] < 3:
+            raise FormatError(f"line {segment.line}: has rows of {rows.shape[1]} numbers, not 3")
         sequence = segment.metadata.get("EULER_ROT_SEQ", "").upper()
         axes = "".join(_EULER.get(letter, "") for letter in sequence)
         if len(axes) != 3 or len(sequence) != 3 or axes[0] == axes[1] or axes[1] == axes[2]:

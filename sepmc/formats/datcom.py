@@ -402,7 +402,11 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
     machs, betas = sorted({b.mach for b in blocks}), sorted({b.beta for b in blocks})
     by_point = {(b.mach, b.beta): b for b in blocks}
     if len(by_point) < len(machs) * len(betas):
-        raise FormatError("must have every sideslip at every Mach number")
+        mach, beta = next((m, b) for m in machs for b in betas if (m, b) not in by_point)
+        raise FormatError(
+            f"has no table at Mach number {mach:g} and sideslip {beta:g} deg: must have every "
+            "sideslip at every Mach number"
+        )
     alphas, dropped = _common_alphas(blocks)
     if dropped:
         listed = ", ".join(f"{a:g}" for a in dropped)

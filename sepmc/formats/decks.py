@@ -78,7 +78,7 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
         raise FormatError(
             "needs a column of mach, alpha_deg or beta_deg; has " + ", ".join(table.columns)
         )
-    values = _coefficients(columns, axes)
+    values = _coefficients(columns)
     if not values:
         raise FormatError(
             "has no coefficient, such as CA, CN, CY, Cl, Cm, Cn; has " + ", ".join(table.columns)
@@ -102,7 +102,7 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
     return tree, understood
 
 
-def _coefficients(columns: Columns, axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
     """Columns (n,) of the coefficients and derivatives in a long table, by name; ``lift`` and
     ``drag`` count too. A sentence on the columns that are none of these is added to
     ``columns.understood``. Raises FormatError if the meaning of a title is not unique."""

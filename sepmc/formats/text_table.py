@@ -315,7 +315,8 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
             rows = sum(metadata.row_group(k).num_rows for k in range(groups))
             if max(rows, metadata.num_rows) * max(1, metadata.num_columns) > most // 4:
                 raise FormatError(
-                    f"has {rows:,} rows of {metadata.num_columns:,} columns: too many numbers"
+                    f"has {rows:,} rows of {metadata.num_columns:,} columns; must have at most "
+                    f"{most // 4:,} numbers"
                 )
             table = file.read()
     except (OSError, ValueError, pa.ArrowException) as error:

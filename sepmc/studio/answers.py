@@ -254,13 +254,13 @@ def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list
         campaign = changed_campaign(campaign, {"solver.accuracy": _ACCURACY})[0]
     every_s = campaign.scene.run.end_time / _ROWS
     data: list[dict[str, Any]] = []
-    for title, case in (
-        ("nominal case", campaign.nominal()),
-        (f"case {number}", campaign.case(number, seed, total)),
+    for title, own, case in (
+        ("nominal case", None, campaign.nominal()),
+        (f"case {number}", number, campaign.case(number, seed, total)),
     ):
         history = campaign.simulate(case, every_s, no_log)
         if len(history):
-            data.append(replay_data(history, case.scene, title, case.number if data else None))
+            data.append(replay_data(history, case.scene, title, own))
     return data
 
 

@@ -898,7 +898,7 @@ def test_two_columns_of_one_name(pair):
             "cg_m": [5.0, 0.0, 0.0],
         }
     }
-    with pytest.raises(ValueError, match="would be called 'in_initial_alpha_deg'; rename a body"):
+    with pytest.raises(ValueError, match="'in_initial_alpha_deg' would be the name of two columns"):
         _ = pair(renamed | {"dispersion": {"initial.alpha_deg": {"normal": 1.0}}}).layout
 
 

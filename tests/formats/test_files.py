@@ -323,7 +323,7 @@ def test_wind_of_components_by_compass(tmp_path):
 
 def test_a_wind_whose_sense_is_not_said_is_chosen(tmp_path):
     (tmp_path / "w.csv").write_text("alt_m,Wind Direction (deg),speed_m_s\n0,270,1\n9,280,2\n")
-    with pytest.raises(FormatError, match=r'choose by columns = \{ from = "TITLE" \}'):
+    with pytest.raises(FormatError, match=r'from = "TITLE"'):
         read_wind(tmp_path / "w.csv", {})
     tree, _ = read_wind(tmp_path / "w.csv", {"columns": {"from": "Wind Direction (deg)"}})
     assert tree["from_deg"] == [270.0, 280.0]

@@ -147,7 +147,7 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
         _begin_timed(text, c, segment)
     if segment.late:
         _begin_delayed(text, c, segment)
-    _reset_load_sides(text, c, segment)
+    _reset_load_sides(text, segment)
     if number == 0 and any(event.is_cell_end for event in segment.events):
         _enter_first_cells(text, c, segment)
     if segment.pending_event:
@@ -208,7 +208,7 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
         flag_unreleased(text, c)
 
 
-def _reset_load_sides(text: Text, c: Context, segment: Segment) -> None:
+def _reset_load_sides(text: Text, segment: Segment) -> None:
     """Append lines that, at the start of a segment, set the side field of each load condition with
     a crossing direction to 0: it is not known on which side of its threshold the load is."""
     for load in segment.loads:

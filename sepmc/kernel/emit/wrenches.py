@@ -136,8 +136,8 @@ def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
     side = _side(s, joint, second)
     if GROUND in side:  # other loads on the ground are unknown
         # the arms of the rows include the couple of a force that misses the first body's point
-        return vec3.scale(-1.0, _required_moment(s, motion, joint, _side(s, joint, first)))
-    return _required_moment(s, motion, joint, side)
+        return vec3.scale(-1.0, _required_moment(s, motion, _side(s, joint, first)))
+    return _required_moment(s, motion, side)
 
 
 def _side(s: State, joint: str, body: str) -> set[str]:
@@ -152,7 +152,7 @@ def _side(s: State, joint: str, body: str) -> set[str]:
     return bodies
 
 
-def _required_moment(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
+def _required_moment(s: State, motion: Motion, side: set[str]) -> Any:
     """Sum of the moments, ground axes, N m, that the bodies ``side`` of a rigid group need for
     their angular accelerations, besides those of their loads and of constraint rows on them."""
     case, terms = s.case, []
