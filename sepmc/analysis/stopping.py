@@ -102,8 +102,9 @@ class StoppingRule:
         return count << max(0, math.ceil(math.log2(max(cases_needed, 1) / count)))
 
     def check(self, values: Sequence[RareValue], cases: int) -> None:
-        """Raise InputError if the rule is on a mean or a sigma and some of the rare ``values`` are
-        not expected to occur as often as required in a number of ``cases``."""
+        """Raise InputError if the rule is on a mean or a sigma and too few ``cases`` are requested:
+        one of ``values`` (values of discrete distributions) is expected to occur in them less often
+        than its ``min_count``."""
         rarest = max(values, key=lambda value: value.cases, default=None)
         if self.is_moment and rarest is not None and rarest.cases > cases:
             raise InputError(

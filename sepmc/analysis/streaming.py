@@ -209,8 +209,8 @@ class StreamingStatistics:
         return PartialStatistics(self)
 
     def merge(self, others: PartialStatistics) -> None:
-        """Add the statistics of a `new_partial`, whose cases follow those already added. So far,
-        whole blocks must have been added."""
+        """Add the statistics of a `new_partial`, whose cases follow those already added. The number
+        of cases added before must be a multiple of `ACCUMULATION_BLOCK`."""
         assert self._filled == 0
         for name, moments in self.moments.items():
             for group in others.groups[name]:

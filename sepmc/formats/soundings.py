@@ -207,9 +207,10 @@ def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
 
 
 def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
-    """Rows (values by column, NaN where -9999) of a sounding in the format of the Storm Prediction
-    Center and SHARPpy, between %RAW% and %END% after ``text[begin]``. Raises FormatError for a line
-    that is no row."""
+    """Rows of a sounding in the format of the Storm Prediction Center and SHARPpy, between %RAW%
+    and %END% after index ``begin`` of ``text``. Each row has the numbers by column, PRES to SKNT,
+    in the units of the file; a missing one (-9999) is NaN. Raises FormatError for a line with fewer
+    cells."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
     rows = list[dict[str, float]]()
     head, _, body = text[begin:].partition("%RAW%")

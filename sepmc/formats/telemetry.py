@@ -369,7 +369,10 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
     titles = [title for title in columns if plain(split_header(title, "time")[0]) in wanted]
     if len(titles) != 1:
         what = "no column" if not titles else f"{len(titles)} columns"
-        raise FormatError(f"{what} of time; name its channel by {_NAMED}, of {_listed(columns)}")
+        raise FormatError(
+            f"has {what} of time, must have one; name the column to use by {_NAMED}; the columns "
+            f"are {_listed(columns)}"
+        )
     return titles[0]
 
 

@@ -46,16 +46,18 @@ def sector_gap(sector, part):
     Parameters
     ----------
     sector : tuple
-        (start, axis, length, r0, r1, x, y, width), length > 0.
+        (start, axis, length, r0, r1, x, y, width), length > 0: the side of a cone frustum as of a
+        part, from the angle 0 at the unit vector x to ``width``, rad, towards the unit vector y.
     part : tuple
-        (start, axis, length, r0, r1).
+        (start, axis, length, r0, r1): centre of one end, m, unit vector to the other end, length,
+        m, and the radii of both ends, m.
 
     Returns
     -------
     distance : float
         m; 0 if they touch, NaN if a number is NaN.
     on_sector, on_part : tuple of 3 float
-        Nearest points.
+        Nearest points of both, m.
     """
     noinline()
     start, axis, length, r0, r1, x, y, width = sector

@@ -146,7 +146,9 @@ def parse_axis(text: str, name: str) -> MapAxis:
     form = f"KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
     key, (low, high, count) = parse_range(text, name, form, counts=1)
     if not 2 <= count <= _MAX_POINTS:
-        raise InputError(f"{name} = {text}: COUNT must lie in 2 to {_MAX_POINTS}")
+        raise InputError(
+            f"{name} = {text}: the last number, the count of points, must be 2 to {_MAX_POINTS}"
+        )
     return MapAxis(key, low, high, int(count))
 
 

@@ -294,7 +294,7 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
             problems.add("output.relative", reason, list(pair))
     if len(set(scene.output.relative)) < len(scene.output.relative):
         pairs = list(map(list, scene.output.relative))
-        problems.add("output.relative", "names a pair twice", pairs)
+        problems.add("output.relative", "has a pair of bodies twice: leave one out", pairs)
     for key in ("loads", "tip_off", "guide", "hinge"):
         joints = getattr(scene.output, key)
         for joint in joints:

@@ -614,8 +614,9 @@ VIOLATION = "violation"  # metric of a requirement that no other requirement is 
 
 
 class Requirement(_Table, frozen=True, kw_only=True):
-    """A bound on an outcome, or a status that must not occur, which at least the fraction
-    ``probability`` of all cases must satisfy; a verdict is given with this ``confidence``."""
+    """A condition that at least the fraction ``probability`` of all cases must satisfy: a bound on
+    an outcome, a status that must not occur, or that no other requirement is violated. The bounds
+    are in the unit of the outcome's column, not SI; a verdict is given with this ``confidence``."""
 
     name: Name
     metric: str  # an outcome, a status that must not occur, or VIOLATION

@@ -72,7 +72,10 @@ class Symbol:
         return Symbol(Name(path))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise TypeError("a quantity cannot be set")
+        raise TypeError(
+            "a quantity cannot be set: a function given as a formula only reads quantities and "
+            "returns the value of the formula"
+        )
 
     def __bool__(self) -> bool:
         raise TypeError(

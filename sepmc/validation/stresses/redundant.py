@@ -74,8 +74,8 @@ def jacobian(run: NominalRun) -> Array:
 
 
 def multipliers(run: NominalRun) -> Array:
-    """Forces, N, and moments, N m, of the engine's joints at the start, as components (m,) along
-    the rows of `jacobian`."""
+    """Forces, N, and moments, N m, of the engine's joints on their second bodies at the start: one
+    component (m,) for each row of `jacobian`, in its order, along the joint axis of that row."""
     components = []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
