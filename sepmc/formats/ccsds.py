@@ -124,7 +124,9 @@ def _epoch(given: Any, segments: list[Segment]) -> tuple[float, str]:
     given = given.isoformat() if isinstance(given, datetime) else given  # a date of TOML
     epoch = seconds_of(given) if isinstance(given, str) else None
     if epoch is None:
-        raise FormatError(f"epoch = {shorten(given)}: must be such as 2026-03-01T12:00:41.5")
+        raise FormatError(
+            f"epoch = {shorten(given)}: must be a date and time, such as 2026-03-01T12:00:41.5"
+        )
     return epoch, given
 
 
@@ -277,7 +279,8 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
 
     A rotation of CCSDS from one frame to another rotates the axes of the first into those of the
     second. This rotation of axes is returned: its matrix takes components in the second frame to
-    components in the first. Raises FormatError if the rows are not valid.
+    components in the first. ``version`` is that of the AEM: version 1 has other required keywords.
+    Raises FormatError if the rows or keywords are not valid.
     """
     rows = np.array(segment.rows)
     kind = segment.metadata.get("ATTITUDE_TYPE", "").upper()

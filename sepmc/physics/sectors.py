@@ -150,8 +150,9 @@ def _line_gap(point, line):
 
 @routine
 def _highest(rim, shell, side):
-    """Return the point of a rim that is highest over the wall of a shell, and its height rho - r0 -
-    slope z, m.
+    """Return the point of a rim (centre, normal, radius) that is highest over the wall of a shell
+    (start, axis, length, r0, r1), and its height rho - r0 - slope z, m, outwards positive: rho and
+    z are its coordinates across and along the axis, slope is (r1 - r0) / length.
 
     With ``side`` 0 it is the highest on the half of the rim further from the axis; with 1 it is a
     local maximum on the other half, or any point if there is none.
