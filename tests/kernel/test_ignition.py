@@ -89,7 +89,7 @@ def _waits(**ignition):
         (_waits(event="cue", delay_s=-0.1), "ignition.delay_s = -0.1: must be >= 0"),
         (_waits(event="cue", delay_s=math.inf), "ignition.delay_s = inf: must be finite"),
         (_waits(event="cue", delay=0.1), "ignition.delay: the unit is missing; allowed: delay_s"),
-        (_waits(event="cue", joint="pins"), "ignition: give exactly one of event, release, joint, not"),
+        (_waits(event="cue", joint="pins"), "give exactly one of event, release, joint, not"),
         (_waits(), "ignition: give exactly one of event, release, joint"),
         (_waits(event=3), "ignition.event = 3: must be text, got a whole number"),
         (_waits(event=["cue"]), "ignition.event = ['cue']: must be text, got a list"),
