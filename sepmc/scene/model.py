@@ -412,8 +412,8 @@ class Joint(_Table, frozen=True, kw_only=True):
 
     ``point`` is its layout point (m), of a rod the first body's end; ``second_point`` is the second
     body's end of a rod. ``apart`` is the sign of r_B - r_A along ``x_axis`` that is positive
-    separation (None: that of the second nominal centre of mass). ``omega`` (rad/s, body axes) is the
-    initial rate, about ``point``, of the second body and those connected to it relative to the
+    separation (None: that of the second nominal centre of mass). ``omega`` (rad/s, body axes) is
+    the initial rate, about ``point``, of the second body and those connected to it relative to the
     first. The joint is released ``delay`` (s) after the condition, or never if ``fails`` is 1.
     """
 
