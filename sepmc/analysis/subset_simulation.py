@@ -325,7 +325,10 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
         if level.acceptance < _MIN_ACCEPTED
     ]
     if stuck:
-        warnings.append(f"chains hardly move: their acceptance rate is {', '.join(stuck)}")
+        warnings.append(
+            f"chains hardly move, so the interval may be too narrow: their acceptance rate is "
+            f"{', '.join(stuck)}"
+        )
     return warnings
 
 
