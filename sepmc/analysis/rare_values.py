@@ -60,7 +60,8 @@ class RareValue:
 
 
 class Occurrence(NamedTuple):
-    """Number of ``times`` that the rare value ``of`` occurred in a number of ``cases``."""
+    """Number of ``times`` that an input value, or a pair of values, ``of`` occurred in a number of
+    ``cases``."""
 
     of: RareValue
     times: int

@@ -88,13 +88,14 @@ class StoppingRule:
 
     @property
     def is_moment(self) -> bool:
-        """True for a mean or a sigma, which depend on rare values that may not have occurred."""
+        """True for a mean or a sigma, which depend on input values of low probability that may not
+        have occurred in the cases so far."""
         return self.statistic in ("mean", "sigma")
 
     def first(self, values: Sequence[RareValue]) -> int:
         """Return the number of cases at the first check; each later check has twice as many. For a
-        mean or a sigma it is so large that each of the rare ``values`` is expected to occur as
-        often as required."""
+        mean or a sigma it is so large that each of ``values`` (values of discrete distributions) is
+        expected to occur at least ``min_count`` times."""
         if not self.is_moment:
             return _FIRST_LOOK
         count = _FIRST_LOOK_OF_MOMENTS
@@ -102,8 +103,9 @@ class StoppingRule:
         return count << max(0, math.ceil(math.log2(max(cases_needed, 1) / count)))
 
     def check(self, values: Sequence[RareValue], cases: int) -> None:
-        """Raise InputError if the rule is on a mean or a sigma and some of the rare ``values`` are
-        not expected to occur as often as required in a number of ``cases``."""
+        """Raise InputError if the rule is on a mean or a sigma and too few ``cases`` are requested:
+        one of ``values`` (values of discrete distributions) is expected to occur in them less often
+        than its ``min_count``."""
         rarest = max(values, key=lambda value: value.cases, default=None)
         if self.is_moment and rarest is not None and rarest.cases > cases:
             raise InputError(
@@ -125,7 +127,7 @@ class StoppingRule:
         looks : int
             Largest number of checks in the run.
         occurred : sequence of Occurrence
-            Numbers of occurrences of rare values in these cases.
+            Number of occurrences in these cases of each value of the discrete distributions.
         spread : float
             Largest difference between values of a constant outcome
             (`sepmc.analysis.constant_outcomes.max_spread`), 0 for an outcome that is not constant.

@@ -55,7 +55,7 @@ class _QuantileAccumulator(Protocol):
 
 
 class _BlockCounters:
-    """Set of accumulators to which cases are added a block at a time.
+    """Set of accumulators to which cases are added in blocks of `ACCUMULATION_BLOCK` cases.
 
     Those passed to it are filled but belong to the caller: ``moments`` and ``sketches`` by outcome,
     sketches of ``margins`` by the name of a requirement with two bounds, and ``audits`` by column.
@@ -144,8 +144,8 @@ class _BlockCounters:
 
 
 class PartialStatistics:
-    """Statistics of some whole blocks of cases, which `StreamingStatistics.merge` adds to its own;
-    another thread or process can compute them."""
+    """Statistics of consecutive cases, in whole blocks of `ACCUMULATION_BLOCK` cases, which
+    `StreamingStatistics.merge` adds to its own; another thread or process can compute them."""
 
     def __init__(self, streaming: "StreamingStatistics"):
         self.groups = {name: GroupList() for name in streaming.moments}
@@ -159,7 +159,8 @@ class PartialStatistics:
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
         """Add cases; arguments as for `StreamingStatistics.add`. A new block begins with the first
-        case of each call, so every call but the last must contain whole blocks."""
+        case of each call, so the number of cases in every call but the last must be a multiple of
+        `ACCUMULATION_BLOCK`."""
         for first in range(0, len(numbers), ACCUMULATION_BLOCK):
             block = slice(first, first + ACCUMULATION_BLOCK)
             self.counters.add(numbers[block], codes[block], columns[:, block])
@@ -209,8 +210,8 @@ class StreamingStatistics:
         return PartialStatistics(self)
 
     def merge(self, others: PartialStatistics) -> None:
-        """Add the statistics of a `new_partial`, whose cases follow those already added. So far,
-        whole blocks must have been added."""
+        """Add the statistics of a `new_partial`, whose cases follow those already added. The number
+        of cases added before must be a multiple of `ACCUMULATION_BLOCK`."""
         assert self._filled == 0
         for name, moments in self.moments.items():
             for group in others.groups[name]:

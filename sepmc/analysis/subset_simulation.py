@@ -302,16 +302,16 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
     if not estimate.reached:
         threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf
         margin = (
-            f" a margin of {threshold:.4g}"
+            f" went down to a margin of {threshold:.4g} only"
             if math.isfinite(threshold)
-            else " the margins of independent cases"
+            else " found no level below the directly sampled cases"
         )
         warnings.append(
-            f"few cases violate of those that trial chains reached, down to{margin}: more cases "
-            "may improve the estimate"
+            f"trial chains{margin}, and few cases violate the bound: more cases may improve the "
+            "estimate"
             if estimate.known.any()
-            else f"trial chains did not reach the bound, only{margin}: the bound may be out of "
-            "reach, lie at a jump of the margin, or need more cases"
+            else f"trial chains{margin}, and no case violates the bound: it may be out of reach, "
+            "lie at a jump of the margin, or need more cases"
         )
     if estimate.known.any() and len(estimate.levels) > 1:
         if low == 0.0 or estimate.spread > _MAX_SPREAD:
@@ -330,7 +330,10 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
         if level.acceptance < _MIN_ACCEPTED
     ]
     if stuck:
-        warnings.append(f"chains hardly move: their acceptance rate is {', '.join(stuck)}")
+        warnings.append(
+            f"chains hardly move, so the interval may be too narrow: their acceptance rate is "
+            f"{', '.join(stuck)}"
+        )
     return warnings
 
 

@@ -233,12 +233,21 @@ def _propose(
 ) -> tuple[list[Dispersion], bool, pd.DataFrame | None, int]:
     """Choose how many of the ``candidates`` to scale by ``factor``, by runs with other seeds.
 
-    Returns the scaled inputs, True if such a run of them shows all requirements, the verdicts of
-    the run, and its seed. The first of the candidates are scaled: as many as possible if the
-    campaign ``passes``, else as few as possible. Their number is searched by bisection, in at most
-    `MAX_TRIES` runs. If the campaign passes but no earlier run does, the last run scales nothing;
-    so does the only run if there are no candidates. If the campaign does not pass and there are no
-    candidates, nothing is run, and the result is no inputs, False, None and ``seed``.
+    The number is searched by bisection, in at most `MAX_TRIES` runs of ``cases`` cases, each with a
+    seed of its own above ``seed``. If the campaign passes and no other run shows all requirements,
+    the last run scales nothing; so does the only run if there are no candidates.
+
+    Returns
+    -------
+    scaled : list of Dispersion
+        Scaled inputs of the last run that shows all requirements, or of the last run if none does.
+    shown : bool
+        True if that run shows all requirements.
+    verdicts : DataFrame or None
+        Verdicts of that run; None if the campaign does not pass and has no candidates, as then
+        nothing is run.
+    seed : int
+        Seed of that run; ``seed`` if nothing is run.
     """
     best: tuple[list[Dispersion], bool, pd.DataFrame | None, int] = ([], False, None, seed)
     low, high = (0, len(candidates)) if passes else (1, len(candidates))

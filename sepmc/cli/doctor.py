@@ -31,8 +31,12 @@ _TABLES = (".csv", ".html")
 @QUIET
 def doctor(folder: Path, repair: bool, quiet: bool) -> None:
     """Check RUN, file by file: report files that are missing, cut short, changed since they were
-    written, or never finished. Exit code 1 if there are any. With --repair they are made again,
-    to the same bits, except for the campaign file.
+    written, or never finished. Exit code 1 if there are any.
+
+    With --repair, the cases of damaged files are run again, to the same bits, and statistics and
+    figures are made again; the exit code is 0 if no fault is left. Tables of other commands, such
+    as sensitivity, are only named. If a fault cannot be repaired, such as a changed campaign file,
+    nothing is changed.
 
     \b
     Example:

@@ -24,7 +24,8 @@ def _files(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[
 
 
 class CaseNumbers(click.ParamType):
-    """Option type: a number of cases (1000, 1e6) or case numbers (25:50,73)."""
+    """Option type: a number of cases (1000, 1e6), which becomes an int, or case numbers, which
+    become a CaseSelection: 25:50,73 are the cases 25 to 49, and 73."""
 
     name = "N | A:B,C"
 

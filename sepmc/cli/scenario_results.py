@@ -86,6 +86,7 @@ def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
 
 
 def verdicts_pass(runs: ScenarioRuns) -> bool:
-    """Return True if every verdict in every scenario is pass."""
+    """Return True if every verdict in every run, of the file itself and of its scenarios, is pass;
+    False if a run has no verdict."""
     verdicts = [one.requirements().get("verdict") for one in runs.results.values()]
     return all(one is not None and bool((one == PASS).all()) for one in verdicts)

@@ -48,9 +48,9 @@ def scenarios(
     folder works with every command that takes one.
 
     --limits adds limit cases of FILE itself, with outcomes and margins: one input at its low or
-    high end and the others nominal, and the worst combinations of ends found. They need no
-    [[scenario]], and --check does not judge them. limits.csv in the folder is a table for
-    --samples.
+    high end and the others nominal, and the worst combinations of ends found. --check does not
+    judge them. limits.csv in the folder is a table for --samples. If FILE has no [[scenario]],
+    --limits runs the limit cases only.
 
     \b
     Example:

@@ -18,7 +18,8 @@ from sepmc.cli.progress import check_bar
 @QUIET
 def verify(brief: bool, quiet: bool) -> None:
     """Check the engine against closed forms, classical formulations and conservation laws. Prints
-    one table, a line per check; exit code 1 if a line fails.
+    one table with a line per check (with --brief, per group of checks); exit code 1 if a check
+    fails.
 
     \b
     Example:
@@ -37,7 +38,8 @@ def verify(brief: bool, quiet: bool) -> None:
 @QUIET
 def stress(brief: bool, quiet: bool) -> None:
     """Run hard inputs, and print for each whether its result is accurate to its bound, flagged as
-    uncertain, or silently wrong; exit code 1 if one is silently wrong.
+    uncertain, or silently wrong; then a table on an hour of torque-free motion. Exit code 1 if a
+    result is silently wrong, or flagged although its input is reasonable and it must be accurate.
 
     \b
     Example:

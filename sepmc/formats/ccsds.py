@@ -126,7 +126,9 @@ def _epoch(given: Any, segments: list[Segment]) -> tuple[float, str]:
     given = given.isoformat() if isinstance(given, datetime) else given  # a date of TOML
     epoch = seconds_of(given) if isinstance(given, str) else None
     if epoch is None:
-        raise FormatError(f"epoch = {shorten(given)}: must be such as 2026-03-01T12:00:41.5")
+        raise FormatError(
+            f"epoch = {shorten(given)}: must be a date and time, such as 2026-03-01T12:00:41.5"
+        )
     return epoch, given
 
 
@@ -253,8 +255,10 @@ def _attitude(
 
 
 def _direction(segment: Segment, version: str, frame: str) -> bool:
-    """True if the rotations of an AEM's segment are from the body to the frame of the trajectory,
-    False if they are the reverse. Raises FormatError if they are between other frames."""
+    """True if the rotations of an AEM's segment are from the body to ``frame``, that of the
+    trajectory; False if they are the reverse. ``version`` is that of the AEM: from 2 on,
+    ATTITUDE_DIR may be missing and is then A2B. Raises FormatError if the rotations are between
+    other frames, or ATTITUDE_DIR is missing in version 1 or unknown."""
     frames = [segment.metadata.get(f"REF_FRAME_{x}", "").upper() for x in "AB"]
     bodies = [each.startswith(("SC_BODY", "SC BODY", "ACTUATOR", "INSTRUMENT")) for each in frames]
     others = [_SAME.get(each, each) for each, is_body in zip(frames, bodies, strict=True)
@@ -277,7 +281,8 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
 
     A rotation of CCSDS from one frame to another rotates the axes of the first into those of the
     second. This rotation of axes is returned: its matrix takes components in the second frame to
-    components in the first. Raises FormatError if the rows are not valid.
+    components in the first. ``version`` is that of the AEM: version 1 has other required keywords.
+    Raises FormatError if the rows or keywords are not valid.
     """
     rows = np.array(segment.rows)
     kind = segment.metadata.get("ATTITUDE_TYPE", "").upper()
@@ -306,7 +311,8 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         axes = "".join(_EULER.get(letter, "") for letter in sequence)
         if len(axes) != 3 or len(sequence) != 3 or axes[0] == axes[1] or axes[1] == axes[2]:
             raise FormatError(
-                f"line {segment.line}: EULER_ROT_SEQ is {shorten(sequence)}; must be such as 321"
+                f"line {segment.line}: EULER_ROT_SEQ is {shorten(sequence)}; must be three "
+                "axes of 1, 2, 3 (or X, Y, Z), neighbours different, such as 321"
             )
         return (
             Rotation.from_euler(axes, rows[:, :3], degrees=True),

@@ -108,7 +108,7 @@ def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 def _parse_text(text: str, kind: str) -> tuple[str, list[Segment]]:
     """Parse a message in keyword = value notation to its version and segments, also those without
-    rows. Raises FormatError."""
+    rows; ``kind`` is "OEM" or "AEM". Raises FormatError."""
     version, segments = "", list[Segment]()
     where = "header"
     for n, raw in enumerate(text.splitlines(), 1):
@@ -141,8 +141,8 @@ def _parse_text(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 
 def _parse_xml(text: str, kind: str) -> tuple[str, list[Segment]]:
-    """Parse a message in XML, which may be the only one of its kind in an ``ndm``, to its version
-    and segments, also those without rows. Raises FormatError."""
+    """Parse a message in XML, which may be the only one of its ``kind`` ("OEM" or "AEM") in an
+    ``ndm``, to its version and segments, also those without rows. Raises FormatError."""
     root, tag = parse_xml(text), kind.lower()
     messages = [root] if root.tag == tag else [x for x in root.children if x.tag == tag]
     if len(messages) != 1:
@@ -176,7 +176,9 @@ def _cells(state: Element, units: dict[str, str]) -> list[str]:
         elements = list(state.all(tag))
         if len(elements) != 1:
             count = f"{len(elements)} elements" if elements else "no"
-            raise FormatError(f"line {state.line}: <{state.tag}> has {count} <{tag}>")
+            raise FormatError(
+                f"line {state.line}: <{state.tag}> has {count} <{tag}>, must have one"
+            )
         element = elements[0]
         own = element.attributes.get("units", unit)
         if unit and own.lower() != unit:

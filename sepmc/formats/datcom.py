@@ -106,7 +106,8 @@ def read_datcom(
     table, understood = _table(output, sideslip)
     if aero.get("per") == "deg":
         raise FormatError(
-            'states what is per degree: give no per = "deg" in [body.NAME.aerodynamics]'
+            'states itself which slopes are per degree: leave per = "deg" out of '
+            "[body.NAME.aerodynamics]"
         )
     if aero.get("convention") != "datcom":  # else its sign is turned with the polynomials
         for key in ("side", "side_p", "side_r"):

@@ -277,7 +277,10 @@ def _orientation(
             or set(sequence.lower()) - set("xyz")
             or not (is_moving or sequence == sequence.upper())
         ):
-            raise FormatError(f"eulerseq = {shorten(sequence)}: must be such as xyz or XYZ")
+            raise FormatError(
+                f"eulerseq = {shorten(sequence)}: must be three letters "
+                "of x, y, z, all small (moving axes) or all capital (fixed axes), such as xyz"
+            )
         letters = sequence.upper() if is_moving else sequence.lower()  # scipy: capitals move
         if letters[0] == letters[1] or letters[1] == letters[2]:
             raise FormatError(f"eulerseq = {shorten(sequence)}: must not turn twice about one axis")

@@ -143,8 +143,9 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
 def _columns(
     path: Path, options: dict[str, Any], needed: tuple[str, ...]
 ) -> tuple[Columns, list[str]]:
-    """Read the columns of a file, and sentences on its format. Of a sounding only the columns
-    ``needed`` are read, and only the rows that have all of them. Raises FormatError."""
+    """Read the columns of a file; return them, and sentences on its format. ``options`` as for
+    `read_air`. Of a sounding only the columns ``needed`` are read, and only the rows that have all
+    of them. Raises FormatError."""
     named = options.get("columns")
     if path.suffix.lower() != ".parquet":
         text = text_of(path)
@@ -189,8 +190,9 @@ def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[Te
 
 
 def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
-    """Rows (values by column, NaN where blank) of a sounding in the format of the University of
-    Wyoming: columns of seven characters, below the line of titles, where ``text[begin]`` is."""
+    """Rows of a sounding in the format of the University of Wyoming: columns of seven characters,
+    below the line of titles, where index ``begin`` of ``text`` is. Each row has the numbers by
+    title, in the units of the file; a missing one is NaN."""
     lines = text[begin:].splitlines()
     names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT",
              "SKNT" if "SKNT" in lines[0] else "SPED")  # fmt: skip
@@ -208,9 +210,10 @@ def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
 
 
 def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
-    """Rows (values by column, NaN where -9999) of a sounding in the format of the Storm Prediction
-    Center and SHARPpy, between %RAW% and %END% after ``text[begin]``. Raises FormatError for a line
-    that is no row."""
+    """Rows of a sounding in the format of the Storm Prediction Center and SHARPpy, between %RAW%
+    and %END% after index ``begin`` of ``text``. Each row has the numbers by column, PRES to SKNT,
+    in the units of the file; a missing one (-9999) is NaN. Raises FormatError for a line with fewer
+    cells."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
     rows = list[dict[str, float]]()
     head, _, body = text[begin:].partition("%RAW%")

@@ -231,7 +231,7 @@ def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
 def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, str, bool]:
     """Convert the values of a channel, times its factor, to the unit of its column. Returns the
     values (n,), the unit that they had in the file, and True if that is not known and was taken to
-    be the column's."""
+    be the column's. Raises FormatError for a unit of another kind of quantity."""
     values, own = mapped.factor * raw.values, split_unit(mapped.column)[1]
     if not own:
         return values, "", False
@@ -369,7 +369,10 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
     titles = [title for title in columns if plain(split_header(title, "time")[0]) in wanted]
     if len(titles) != 1:
         what = "no column" if not titles else f"{len(titles)} columns"
-        raise FormatError(f"{what} of time; name its channel by {_NAMED}, of {_listed(columns)}")
+        raise FormatError(
+            f"has {what} of time, must have one; name the column to use by {_NAMED}; the columns "
+            f"are {_listed(columns)}"
+        )
     return titles[0]
 
 
@@ -386,7 +389,8 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of an HDF5 file, which MATLAB 7.3 writes too: its vectors and those in its
     groups (`_of_structs`).
 
-    Links are not followed, and data stored in other files are not read.
+    Links are not followed, and data stored in other files are not read. Raises FormatError if there
+    are too many names or numbers.
     """
     h5py = import_module("h5py")
     count = size = 0
@@ -476,7 +480,8 @@ def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
 
 def _of_tdms(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of a TDMS file. The time of a channel is that of its waveform, or the
-    channel of the time in its group; ``time`` names that channel."""
+    channel of the time in its group; ``time`` names that channel. Raises FormatError if its unit is
+    no unit of time."""
     nptdms = import_module("nptdms")
 
     channels: dict[str, _Raw] = {}

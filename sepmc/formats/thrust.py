@@ -170,7 +170,7 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     if isinstance(engine, int) and 0 <= engine < len(engines):
         names[engine] = engine  # by its number
     elif names.count(engine) > 1:
-        raise FormatError(f"has engine {shorten(engine)} twice; choose by its number, from 0")
+        raise FormatError(f"has engine {shorten(engine)} twice; choose by engine = NUMBER, from 0")
     if engine is not None and engine not in names:
         raise FormatError(f"has no engine {shorten(engine)}; {nearest(str(engine), names)}")
     line, header, rows = engines[names.index(engine) if engine is not None else 0]

@@ -140,7 +140,8 @@ def rim_point(angle, side, ellipse):
 @routine
 def _summit(ellipse, slope, low, high):
     """Angle between ``low`` and ``high``, rad, at which rho - slope z of `rim_point` (side 1) is
-    largest: a root of its derivative, by Newton's method with a bracket, or an end."""
+    largest: a root of its derivative, by Newton's method with a bracket, or an end. ``ellipse`` is
+    (x0, y0, z0, a, r, b), as in `rim_point`."""
     x0, y0, _, a, r, b = ellipse
     mb = slope * b
     angle = arctan2(r * y0, a * x0 - mb * r)  # the root without the tilt of the rim
@@ -230,7 +231,7 @@ def _signed(angle, side, ellipse, wall):
 @routine
 def _search(ellipse, wall, low, high, summit):
     """Search the angle and the side (`rim_point`) of the point of a rim that is nearest to a wall,
-    between the angles ``low`` and ``high`` of both sides.
+    between the angles ``low`` and ``high`` of both sides. ``ellipse`` and ``wall`` as in `_signed`.
 
     It is used where this need not be the ``summit`` (the angle of the largest rho - slope z): an
     edge of the shell may be nearest, or some of the rim has passed the wall or is beside it. Among
@@ -278,7 +279,8 @@ def _border(ellipse, wall, side, a, excess_a, b, excess_b):
     result is on the side where it is not.
 
     It lies between the angles ``a`` and ``b``, at one of which the rim is beside; ``excess_a`` and
-    ``excess_b`` are the excesses of `_signed` there. Illinois method.
+    ``excess_b`` are the excesses of `_signed` there, which has the other arguments too. Illinois
+    method.
     """
     if excess_a > 0.0:
         a, excess_a, b, excess_b = b, excess_b, a, excess_a
@@ -305,7 +307,7 @@ def _border(ellipse, wall, side, a, excess_a, b, excess_b):
 def _narrow(ellipse, wall, side, low, high, angle, best):
     """Return a minimum of the signed distance (`_signed`) between the angles ``low`` and ``high``,
     and its angle: Brent's method (parabolas, with golden section as a fallback), which starts at
-    ``angle`` with the distance ``best``."""
+    ``angle`` with the distance ``best``; other arguments as in `_signed`."""
     noinline()
     second, third, value2, value3 = angle, angle, best, best  # second and third best so far
     step = last = 0.0

@@ -46,16 +46,18 @@ def sector_gap(sector, part):
     Parameters
     ----------
     sector : tuple
-        (start, axis, length, r0, r1, x, y, width), length > 0.
+        (start, axis, length, r0, r1, x, y, width), length > 0: the side of a cone frustum as of a
+        part, from the angle 0 at the unit vector x to ``width``, rad, towards the unit vector y.
     part : tuple
-        (start, axis, length, r0, r1).
+        (start, axis, length, r0, r1): centre of one end, m, unit vector to the other end, length,
+        m, and the radii of both ends, m.
 
     Returns
     -------
     distance : float
         m; 0 if they touch, NaN if a number is NaN.
     on_sector, on_part : tuple of 3 float
-        Nearest points.
+        Nearest points of both, m.
     """
     noinline()
     start, axis, length, r0, r1, x, y, width = sector
@@ -148,8 +150,9 @@ def _line_gap(point, line):
 
 @routine
 def _highest(rim, shell, side):
-    """Return the point of a rim that is highest over the wall of a shell, and its height rho - r0 -
-    slope z, m.
+    """Return the point of a rim (centre, normal, radius) that is highest over the wall of a shell
+    (start, axis, length, r0, r1), and its height rho - r0 - slope z, m, outwards positive: rho and
+    z are its coordinates across and along the axis, slope is (r1 - r0) / length.
 
     With ``side`` 0 it is the highest on the half of the rim further from the axis; with 1 it is a
     local maximum on the other half, or any point if there is none.

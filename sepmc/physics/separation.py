@@ -123,8 +123,9 @@ def _step(t, g, rim_a, rim_b, on_a, on_b):
 
 @formula
 def _radial(part, d):
-    """Return the sine of the angle between the unit vector ``d`` and the axis of a part, and the
-    unit vector of d's component across the axis."""
+    """Return the sine of the angle between the unit vector ``d`` and the axis of a part (start,
+    axis, length, r0, r1), and the unit vector of d's component across the axis; the zero vector if
+    d is along the axis."""
     _, across = split(d, part[1])
     s = math.sqrt(dot(across, across))
     return s, scale(1.0 / s, across) if s > 0.0 else across
@@ -132,9 +133,9 @@ def _radial(part, d):
 
 @formula
 def _lean(part, d):
-    """Sine of the angle from the normal of a part's side to the unit vector ``d``: positive if the
-    rim at the far end (start + length axis) is furthest in the direction d, negative if the other
-    rim is."""
+    """Sine of the angle from the normal of the side of a part (start, axis, length, r0, r1) to the
+    unit vector ``d``: positive if the rim at the far end (start + length axis) is furthest in the
+    direction d, negative if the other rim is. For a disc (length 0) 1 or -1."""
     along, rise = dot(d, part[1]), part[4] - part[3]
     s = math.sqrt(max(0.0, 1.0 - along * along))
     slant = _slant(part)
@@ -143,8 +144,8 @@ def _lean(part, d):
 
 @formula
 def _normal_to_side(part, d):
-    """Unit vector normal to the side of a part and nearest to the unit vector ``d``; d itself if it
-    is along the axis."""
+    """Return the outward unit normal of the conical side of a part (start, axis, length, r0, r1)
+    that is nearest to the unit vector ``d``; d itself if it is along the axis."""
     s, w = _radial(part, d)
     rise, slant = part[4] - part[3], _slant(part)
     if not s > _FLAT:
@@ -154,26 +155,29 @@ def _normal_to_side(part, d):
 
 @formula
 def _slant(part):
-    """Slant height of a part: length of its side in a plane through the axis, m."""
+    """Slant height of a part (start, axis, length, r0, r1): length of its side in a plane through
+    the axis, m."""
     return math.sqrt(part[2] * part[2] + (part[4] - part[3]) * (part[4] - part[3]))
 
 
 @formula
 def _radius(part, fraction):
-    """Radius of a part at a ``fraction`` of its length from the start, m."""
+    """Radius of a part (start, axis, length, r0, r1) at a ``fraction`` of its length from the
+    start, m."""
     return part[3] + fraction * (part[4] - part[3])
 
 
 @formula
 def _on_side(part, w, fraction):
-    """Point of a part's side in the direction of the unit vector ``w`` across the axis, at a
-    ``fraction`` of its length."""
+    """Point on the side of a part (start, axis, length, r0, r1) in the direction of the unit vector
+    ``w`` across the axis, at a ``fraction`` of its length from the start."""
     return add(add(part[0], scale(fraction * part[2], part[1])), scale(_radius(part, fraction), w))
 
 
 @formula
 def _nearest_fraction(part, w, point):
-    """Fraction of a part's length at which the straight line on its side, in the direction of the
-    unit vector ``w`` across the axis, is nearest to a point; below 0 or above 1 beyond its ends."""
+    """Fraction of the length of a part (start, axis, length, r0, r1) at which the straight line on
+    its side, in the direction of the unit vector ``w`` across the axis, is nearest to a point;
+    below 0 or above 1 beyond its ends."""
     line = add(scale(part[2], part[1]), scale(part[4] - part[3], w))
     return dot(sub(point, _on_side(part, w, 0.0)), line) / dot(line, line)

@@ -158,8 +158,8 @@ def arc_gap(arc, part, limit):
 
 @long_formula
 def edge_gap_bound(edge, part):
-    """Lower bound of the distance of a circle from a solid part, m, far cheaper than `edge_gap`,
-    with the same arguments; it may be negative."""
+    """Lower bound of the distance of a circle, ``edge`` (centre, normal, radius), from a solid part
+    (start, axis, length, r0, r1), m; it may be negative. Far cheaper than `edge_gap`."""
     centre, normal, radius = edge
     start, axis, length, r0, r1 = part
     along, across = split(sub(centre, start), axis)
@@ -271,7 +271,7 @@ def _descend(angle, distance, ellipse, section):
 @routine
 def _narrow(low, f_low, fall, high, rise, ellipse, section):
     """Return a minimum of the distance between the angles ``low`` and ``high``, and its angle: a
-    root of the slope.
+    root of the slope. ``ellipse`` and ``section`` as in `_distance`.
 
     ``high`` may be on either side of ``low``; slopes count from low to high. At low the distance is
     ``f_low`` and its slope ``fall`` < 0; at high the slope is ``rise``, or the distance is no
@@ -306,7 +306,8 @@ def _narrow(low, f_low, fall, high, rise, ellipse, section):
 def _sweep(sign, angle, best, ellipse, section):
     """Search half of a circle for a smaller distance than ``best``, its distance at ``angle``. The
     half begins at ``angle`` and goes in the direction ``sign`` (1 or -1). Returns the first smaller
-    distance and its angle; ``best`` and ``angle`` if there is none."""
+    distance and its angle; ``best`` and ``angle`` if there is none. ``ellipse`` and ``section`` as
+    in `_distance`."""
     noinline()
     radius, bend = ellipse[4], _bend(ellipse, section, best)
     lowest, tolerance = best - _SAME * radius, best - 0.125 * bend * _FINEST * _FINEST

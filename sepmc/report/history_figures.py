@@ -424,8 +424,8 @@ def _spans(values: "pd.Series[float]", bounds: Sequence[float]) -> bool:
 
 
 def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
-    """Return (name, start, end), times in s, of each phase of a history, in order; an empty list
-    without a column ``phase``."""
+    """Return (name, start, end) of each phase of a history, in order: the times, s, of its first
+    and last row. The list is empty if the history has no rows or no column ``phase``."""
     if "phase" not in history or history.empty:
         return []
     names, time = history["phase"].to_numpy(), history["time_s"].to_numpy()

@@ -85,7 +85,7 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
         return []
     temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):
-        reason = "must be as many numbers as there are of the pressure, both in lists"
+        reason = "must be a list of as many numbers as that of the pressure has"
         problems.add(f"{key_path}.{key}", reason)
         return []
     kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures

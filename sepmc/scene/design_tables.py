@@ -26,8 +26,9 @@ _Cases = Annotated[int, Meta(ge=1, le=CASES)]
 
 
 class MapTable(Struct, frozen=True, kw_only=True):
-    """Table ``[map]`` as written: axes ``KEY=LOW:HIGH:COUNT``, number of cases of every design, and
-    the largest number for a design whose verdict is open after fewer."""
+    """Table ``[map]`` as written: axes ``x`` and ``y``, each ``KEY=LOW:HIGH:COUNT``, number of
+    cases of every design, and the largest number (``max_cases``) for a design whose verdict is open
+    after fewer."""
 
     x: str
     y: str | None = None
@@ -36,8 +37,9 @@ class MapTable(Struct, frozen=True, kw_only=True):
 
 
 class SizeTable(Struct, frozen=True, kw_only=True):
-    """Table ``[size]`` as written: formulas of the costs, design variables ``KEY=LOW:HIGH`` by
-    name, names of the requirements to satisfy (empty: all), and number of cases of every design."""
+    """Table ``[size]`` as written: formulas of the costs to ``minimise``, design variables to
+    ``vary``, ``KEY=LOW:HIGH`` by name, names of the requirements to satisfy (``subject_to``; empty:
+    all), and number of cases of every design."""
 
     minimise: tuple[str, ...] | str
     vary: dict[str, str]
@@ -93,8 +95,9 @@ class MapPlan:
 
 @dataclass(frozen=True)
 class SizePlan:
-    """Table ``[size]``, parsed and checked: design variables, formulas of costs, names of
-    requirements (empty: all), and number of cases (None: not given)."""
+    """Table ``[size]``, parsed and checked: design variables, formulas of the costs to
+    ``minimise``, names of the requirements to satisfy (``subject_to``; empty: all), and number of
+    cases (None: not given)."""
 
     variables: tuple[Variable, ...]
     minimise: tuple[str, ...]
@@ -146,7 +149,9 @@ def parse_axis(text: str, name: str) -> MapAxis:
     form = f"KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
     key, (low, high, count) = parse_range(text, name, form, counts=1)
     if not 2 <= count <= _MAX_POINTS:
-        raise InputError(f"{name} = {text}: COUNT must lie in 2 to {_MAX_POINTS}")
+        raise InputError(
+            f"{name} = {text}: the last number, the count of points, must be 2 to {_MAX_POINTS}"
+        )
     return MapAxis(key, low, high, int(count))
 
 

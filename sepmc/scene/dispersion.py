@@ -165,8 +165,8 @@ def resolve(
         if column in key_of_column:
             problems.add(
                 key_path,
-                f"would have the column {column}, which {key_of_column[column]!r} has: rename one "
-                "of the two tables that they are in",
+                f"would have the column {column}, which is that of {key_of_column[column]!r}: "
+                "rename the table of one of these two parameters",
             )
             continue
         key_of_path[parameter.path] = key_of_column[column] = key

@@ -34,7 +34,7 @@ def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Pro
     keys = [key for key in _TRIGGERS if getattr(trigger, key) is not None]
     if len(keys) != 1:
         others = f", not {' and '.join(keys)}" if keys else ""
-        problems.add(key_path, f"give one of {', '.join(_TRIGGERS)}{others}")
+        problems.add(key_path, f"give exactly one of {', '.join(_TRIGGERS)}{others}")
         return
     known = {
         "event": [event.name for event in scene.event],

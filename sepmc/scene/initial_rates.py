@@ -52,7 +52,9 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
         rate = [float(f"{x:.6g}") for x in np.degrees(joint.omega)]
         if GROUND in rotated:
             problems.add(
-                key_path, "would turn the ground, to which the second body is connected", rate
+                key_path,
+                "must be 0: it would turn the ground, to which the second body is connected",
+                rate,
             )
         elif first in rotated:
             problems.add(
@@ -64,7 +66,7 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
         elif kind in KINDS or kind in joint.kind:
             constrained_by = f"{kind!r}, its kind in the first phase, constrains"
             if any(joint.omega) and _is_constrained(joint, kind, np.array(joint.omega)):
-                reason = f"has a part about an axis that {constrained_by}"
+                reason = f"must be 0 about an axis that {constrained_by}"
                 problems.add(key_path, reason, rate)
             varied = [k for k, x in enumerate("xyz") if f"joint.{name}.omega.{x}" in dispersed]
             # several together may be valid, as in rows of run.samples

@@ -286,7 +286,9 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
     for body in scene.output.transverse:
         check_known("output.transverse", body, scene.body, "body", problems)
     if len(set(scene.output.transverse)) < len(scene.output.transverse):
-        problems.add("output.transverse", "names a body twice", list(scene.output.transverse))
+        problems.add(
+            "output.transverse", "names a body twice: leave one out", list(scene.output.transverse)
+        )
     for pair in scene.output.relative:
         check_pair("output.relative", pair, scene, problems)
         if GROUND in pair:
@@ -294,7 +296,7 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
             problems.add("output.relative", reason, list(pair))
     if len(set(scene.output.relative)) < len(scene.output.relative):
         pairs = list(map(list, scene.output.relative))
-        problems.add("output.relative", "names a pair twice", pairs)
+        problems.add("output.relative", "has a pair of bodies twice: leave one out", pairs)
     for key in ("loads", "tip_off", "guide", "hinge"):
         joints = getattr(scene.output, key)
         for joint in joints:
@@ -304,7 +306,7 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                     f"output.{key}", f"joint {joint!r} has no pins: give [joint.{joint}.guide]"
                 )
         if len(set(joints)) < len(joints):
-            problems.add(f"output.{key}", "names a joint twice", list(joints))
+            problems.add(f"output.{key}", "names a joint twice: leave one out", list(joints))
     for clearance in scene.clearance:
         key_path = f"clearance.{clearance.name}"
         check_pair(f"{key_path}.bodies", clearance.bodies, scene, problems)
@@ -324,7 +326,11 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                 what = f"part of the outline of {body}"
                 check_known(f"{key_path}.outlines.{number}", name, known, what, problems)
             if len(set(names)) < len(names):
-                problems.add(f"{key_path}.outlines.{number}", "names a part twice", list(names))
+                problems.add(
+                    f"{key_path}.outlines.{number}",
+                    "names a part twice: leave one out",
+                    list(names),
+                )
         outlines = [selected_parts(scene, clearance, side) for side in range(2)]
         if all(outlines) and all(part.is_wall for outline in outlines for part in outline):
             problems.add(

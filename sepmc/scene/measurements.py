@@ -12,15 +12,21 @@ from sepmc.schema import Contents, history_columns
 
 class Measurement(Struct, frozen=True, kw_only=True):
     """Pair of a column of the simulated time histories and the channel of a telemetry file that
-    measured it, with independent normal errors of standard deviation ``sigma``."""
+    measured it, with independent normal errors of standard deviation ``sigma``, in the unit that
+    the name of the column ends with.
+
+    ``channel`` is a name with factor and unit, as ``-0.5*gyro_z[rad/s]`` (None: named as the
+    column); ``time`` the channel of the time (None: one that is called so). ``delay`` (s) is the
+    time of the file at time 0 of the run, ``delay_sigma`` (s) its standard deviation; measurements
+    of one file share one deviation.
+    """
 
     column: str
     file: str
-    sigma: Annotated[float, Meta(gt=0.0)]  # in the unit that the name of the column ends with
-    channel: str | None = None  # with factor and unit, as -0.5*gyro_z[rad/s]; None: the column
-    time: str | None = None  # channel of the time; None: one that is called so
-    delay: Annotated[float, Quantity("time")] = 0.0  # time of the file at time 0 of the run
-    # standard deviation of the delay; measurements of one file share its deviation
+    sigma: Annotated[float, Meta(gt=0.0)]
+    channel: str | None = None
+    time: str | None = None
+    delay: Annotated[float, Quantity("time")] = 0.0
     delay_sigma: Annotated[float, Quantity("time"), Meta(ge=0.0)] = 0.0
 
 

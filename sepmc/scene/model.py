@@ -408,30 +408,35 @@ class Custom(_Table, frozen=True, kw_only=True):
 
 class Joint(_Table, frozen=True, kw_only=True):
     """A joint between two bodies, with axes fixed in the first. Its kind (fixed, slider, free, ...)
-    depends on the phase; ``kind`` defines further kinds by name."""
+    depends on the phase; ``kind`` defines further kinds by name.
+
+    ``point`` is its layout point (m), of a rod the first body's end; ``second_point`` is the second
+    body's end of a rod. ``apart`` is the sign of r_B - r_A along ``x_axis`` that is positive
+    separation (None: that of the second nominal centre of mass). ``omega`` (rad/s, body axes) is
+    the initial rate, about ``point``, of the second body and those connected to it relative to the
+    first. The joint is released ``delay`` (s) after the condition, or never if ``fails`` is 1.
+    """
 
     bodies: tuple[str, str]
     point: Point
-    second_point: Point | None = None  # the second body's end of a rod
+    second_point: Point | None = None
     x_axis: Direction = (1.0, 0.0, 0.0)
     y_axis: Direction = (0.0, 1.0, 0.0)
-    apart: Literal[1, -1] | None = (
-        # sign of r_B - r_A along x_axis that is positive separation; None: that of the second
-        # nominal centre of mass
-        None
-    )
+    apart: Literal[1, -1] | None = None
     kind: dict[Name, Custom] = field(default_factory=dict)
-    # initial rate of the second body, and those connected to it, relative to the first, about point
     omega: Annotated[Vector, Quantity("angular rate", XYZ)] = (0.0, 0.0, 0.0)
-    delay: Time = 0.0  # from the condition to the release
-    fails: Annotated[float, Meta(ge=0, le=1)] = 0.0  # 1: it never releases
+    delay: Time = 0.0
+    fails: Annotated[float, Meta(ge=0, le=1)] = 0.0
     guide: Guide | None = None
 
 
 class Condition(_Table, frozen=True, kw_only=True):
     """A condition on time, motion or loads. Of several thresholds the first that is reached meets
-    it; a condition that was met stays met. ``joint`` and ``body`` name what thresholds are of;
-    ``any`` and ``all`` combine further conditions.
+    it; a condition that was met stays met. ``any`` and ``all`` combine further conditions.
+
+    Thresholds are: a ``time``; the end of burning of the motor ``burn_out``; the end of the stroke
+    of a ``spring``; of a ``joint``, ``stroke`` to ``moment``; of a ``body``, ``altitude`` and
+    ``vertical_speed`` (positive upward).
 
     With a ``direction`` the quantity must cross its threshold in that direction. Without one an
     altitude or a vertical speed must cross it in either direction; any other quantity meets it at
@@ -439,8 +444,8 @@ class Condition(_Table, frozen=True, kw_only=True):
     """
 
     time: Annotated[float, NotNegative, Quantity("time")] | None = None
-    burn_out: str | None = None  # of a motor
-    spring: str | None = None  # at the end of its stroke
+    burn_out: str | None = None
+    spring: str | None = None
     joint: str | None = None
     stroke: Annotated[float, NotNegative, Quantity("length")] | None = None
     distance: Annotated[float, Positive, Quantity("length")] | None = None
@@ -449,7 +454,7 @@ class Condition(_Table, frozen=True, kw_only=True):
     moment: Annotated[float, Positive, Quantity("moment")] | None = None
     body: str | None = None
     altitude: Annotated[float, Quantity("length")] | None = None
-    vertical_speed: Annotated[float, Quantity("speed")] | None = None  # up is positive
+    vertical_speed: Annotated[float, Quantity("speed")] | None = None
     direction: Literal["rising", "falling", "either"] | None = None
     any: tuple["Condition", ...] = ()
     all: tuple["Condition", ...] = ()
@@ -486,23 +491,24 @@ class Event(_Table, frozen=True, kw_only=True):
 
 class Clearance(_Table, frozen=True, kw_only=True):
     """Request for an outcome: the minimum distance between the outlines of two bodies over the
-    flight."""
+    flight, or from the release of the joint ``after`` on. ``outlines`` names the parts of each body
+    that count (empty: all)."""
 
     name: Name
     bodies: tuple[str, str]
-    outlines: tuple[Names, Names] = ((), ())  # parts of each body; empty: all
-    after: str | None = None  # joint: counts from its release on
+    outlines: tuple[Names, Names] = ((), ())
+    after: str | None = None
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """Optional outcomes: names of joints for which to report loads, ``tip_off`` rates at release,
-    ``guide`` pin loads or ``hinge`` angles; of bodies for transverse rates; and pairs of bodies for
-    their relative attitude and distance."""
+    """Optional outcomes: names of joints for which to report ``loads``, ``tip_off`` rates at
+    release, ``guide`` pin loads or ``hinge`` angles; of bodies for ``transverse`` rates; and pairs
+    of bodies for their ``relative`` attitude and distance."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
-    transverse: tuple[str, ...] = ()  # bodies
+    transverse: tuple[str, ...] = ()
     hinge: tuple[str, ...] = ()
     relative: tuple[tuple[str, str], ...] = ()
 
@@ -517,8 +523,8 @@ class FormulaOutcome(_Table, frozen=True, kw_only=True):
 
 
 class Initial(_Table, frozen=True, kw_only=True):
-    """Initial position, velocity, attitude and rates of the mated vehicle; CONVENTIONS.md defines
-    the angles."""
+    """Initial altitude, speed, attitude and rates of the mated vehicle; CONVENTIONS.md defines the
+    angles. ``path_reference`` is the zero of ``alpha_ref`` (None: nominal pitch - alpha)."""
 
     altitude: Length
     speed: Annotated[float, NotNegative, Quantity("speed")]
@@ -528,7 +534,7 @@ class Initial(_Table, frozen=True, kw_only=True):
     yaw: Angle = 0.0
     roll: Angle = 0.0
     path_yaw: Angle = 0.0
-    path_reference: Angle | None = None  # zero of `alpha_ref`; None: nominal pitch - alpha
+    path_reference: Angle | None = None
 
 
 SALTELLI = "saltelli"
@@ -536,27 +542,28 @@ REPLICATES = 8  # independently scrambled sequences of a Saltelli design
 
 
 class Run(_Table, frozen=True, kw_only=True):
-    """Run settings: end of the flight (s), number of cases and how their inputs are sampled,
-    interval of rows of time histories (s), and number of cases in one kernel call (``chunk``)."""
+    """Run settings: end of the flight (s), number of cases and how their inputs are sampled (or the
+    file ``samples``, a table with a row for each case), interval of rows of time histories (s; 0:
+    no histories), and number of cases in one kernel call (``chunk``)."""
 
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
     seed: Annotated[int, Meta(ge=0, le=SEED)] = 0
     sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
-    samples: str | None = None  # table of sampled inputs, a row for each case
-    history_step: Time = 0.0  # 0: no histories
+    samples: str | None = None
+    history_step: Time = 0.0
     chunk: Annotated[int, Meta(ge=1)] = 16384
 
 
 class Solver(_Table, frozen=True, kw_only=True):
-    """Solver settings: formulation of the equations, integration method, requested accuracy,
-    largest step (s; None: as the accuracy requires), and treatment of constraint drift."""
+    """Solver settings: formulation of the equations, integration method, requested accuracy
+    (relative to the size or standard deviation of outcomes, it determines the steps), largest step
+    (s; None: as the accuracy requires), and treatment of constraint drift."""
 
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"
-    # relative to the size or standard deviation of outcomes; determines the steps
     accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9
-    step: Annotated[float, Positive, Quantity("time")] | None = None  # largest step
+    step: Annotated[float, Positive, Quantity("time")] | None = None
     drift: Literal["projection", "baumgarte", "none"] = "projection"
 
 
@@ -614,12 +621,13 @@ VIOLATION = "violation"  # metric of a requirement that no other requirement is 
 
 
 class Requirement(_Table, frozen=True, kw_only=True):
-    """A bound on an outcome, or a status that must not occur, which at least the fraction
-    ``probability`` of all cases must satisfy; a verdict is given with this ``confidence``."""
+    """A condition that at least the fraction ``probability`` of all cases must satisfy: a bound on
+    an outcome, a status that must not occur, or that no other requirement is violated. The bounds
+    are in the unit of the outcome's column, not SI; a verdict is given with this ``confidence``."""
 
     name: Name
     metric: str  # an outcome, a status that must not occur, or VIOLATION
-    at_least: float | None = None  # in the unit that the outcome's name ends with
+    at_least: float | None = None
     at_most: float | None = None
     probability: Annotated[float, _FRACTION] = 0.9973
     confidence: Annotated[float, _FRACTION] = 0.9

@@ -145,7 +145,9 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
         check_known(f"{key_path}.joint", until.joint, scene.joint, "joint", problems)
         if not on_joint:
             problems.add(
-                f"{key_path}.joint", f"needs one of {', '.join(_OF_JOINT.values())}", until.joint
+                f"{key_path}.joint",
+                f"needs at least one of {', '.join(_OF_JOINT.values())}",
+                until.joint,
             )
     elif on_joint:
         reason = "needs joint = NAME in the same table"

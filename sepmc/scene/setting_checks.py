@@ -100,6 +100,6 @@ def check_settings(settings: dict[str, Any], problems: Problems) -> None:
             problems.add(key, f"is set twice, also as {earlier[path]!r}", value)
         for other, name in earlier.items():
             if len(other) > len(path) and other[: len(path)] == path:
-                reason = f"would undo {name!r}, which is set before it; set it first"
+                reason = f"would undo {name!r}, which is set before it; set this table first"
                 problems.add(key, reason, value)
         earlier[path] = key

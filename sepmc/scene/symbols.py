@@ -67,12 +67,17 @@ class Symbol:
 
     def __getitem__(self, name: str) -> "Symbol":
         if not isinstance(name, str):
-            raise TypeError("a number has no components")
+            raise TypeError(
+                "a number has no components: give the name of one, as q.upper.omega_x_rad_s"
+            )
         path = f"{self.node.path}.{name}" if isinstance(self.node, Name) else name
         return Symbol(Name(path))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise TypeError("a quantity cannot be set")
+        raise TypeError(
+            "a quantity cannot be set: a function given as a formula only reads quantities and "
+            "returns the value of the formula"
+        )
 
     def __bool__(self) -> bool:
         raise TypeError(
@@ -167,10 +172,10 @@ def _node(value: Any) -> Node:
     """Syntax tree of a symbol or a number. Raises TypeError for anything else."""
     if isinstance(value, Symbol):
         if value.node is None:
-            raise TypeError("name a quantity, such as q.time_s")
+            raise TypeError("the argument itself is no number: name a quantity, such as q.time_s")
         return value.node
     if isinstance(value, bool | str) or not hasattr(value, "__float__"):
-        raise TypeError(f"{shorten(value)} is no number")
+        raise TypeError(f"{shorten(value)} is no number; must be a number or a quantity")
     return Number(float(value))
 
 
@@ -290,7 +295,9 @@ def _component(value: Any) -> float | str:
     TypeError for a condition or anything else."""
     node = _node(value)
     if is_condition(node):
-        raise TypeError("a component is a condition, not a number: use np.where")
+        raise TypeError(
+            "a component is a condition, not a number: use np.where(condition, number, number)"
+        )
     return node.value if isinstance(node, Number) else text(node)
 
 

@@ -122,17 +122,21 @@ class Module:
 
 
 def _is_known(number: Number, source: Source) -> bool:
+    """True if an argument is an integer known during translation, and so a constant in the called
+    function, whose source is ``source``; always False for a general one (`Source.general`)."""
     return number.kind == INT and number.constant is not None and not source.general
 
 
 def _passed(value: Any, source: Source) -> list[Number]:
-    """Return the leaves of the arguments ``value`` that become parameters in LLVM. Known integers
-    are left out, as they are constants in the function, unless the function is general."""
+    """Return the leaves (numbers and pointers) of the arguments ``value`` that become parameters in
+    LLVM of the called function, whose source is ``source``. Integers known during translation are
+    left out, as they are constants in the function, unless it is general (`Source.general`)."""
     return [leaf for leaf in leaves(value) if not _is_known(leaf, source)]
 
 
 def _received(value: Any, parameters: Any, source: Source) -> Any:
-    """Return the arguments ``value`` as the called function sees them: leaves of `_passed` are
-    replaced by the next items of the iterator ``parameters``, known integers stay."""
+    """Return the arguments ``value`` as the called function, whose source is ``source``, sees them.
+    The leaves that `_passed` returns are replaced by the next items of the iterator ``parameters``;
+    integers that are constants in the function stay."""
     known = (leaf if _is_known(leaf, source) else next(parameters) for leaf in leaves(value))
     return rebuilt(value, known)

@@ -1,4 +1,5 @@
-"""Sources of the functions to translate: the syntax tree of a Python function and its globals."""
+"""Sources of the Python functions that are translated to LLVM assembly: the syntax tree of a
+function, and the global names that it uses."""
 
 import ast
 from collections.abc import Iterator

@@ -510,7 +510,8 @@ def hooke_angle(angle: ArrayLike, bend: float) -> Array:
 
 def hooke_ratio(angle: ArrayLike, bend: float) -> Array:
     """Rate of the driven shaft over that of the driving one: cos(bend) / (1 - sin^2(bend)
-    sin^2(angle)); angles, rad, as in `hooke_angle`."""
+    sin^2(angle)), with the ``angle`` of the driving shaft, rad, and the angle ``bend``, rad,
+    between the shafts, as in `hooke_angle`."""
     return math.cos(bend) / (1.0 - (math.sin(bend) * np.sin(angle)) ** 2)
 
 

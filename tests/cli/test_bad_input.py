@@ -288,7 +288,7 @@ OTHERS = [  # the same for everything.toml
     (
         'joint = "tie", force_kN = 50.0',
         'time_s = 0.1, joint = "tie"',
-        ["phase.locked.until.any.1.joint = 'tie'", "needs one of stroke_m, distance_m"],
+        ["phase.locked.until.any.1.joint = 'tie'", "needs at least one of stroke_m, distance_m"],
     ),
     (
         'joint = "tie", force_kN = 50.0',

@@ -162,7 +162,7 @@ def test_a_deck_of_a_campaign(tmp_path, more):
 def test_other_reference_quantities_are_refused(tmp_path):
     with pytest.raises(SceneError, match=r"has the reference area 0.0127 m2, but reference_area"):
         loaded(tmp_path, missile(), old="0.0127", new="0.0314")
-    with pytest.raises(SceneError, match='states what is per degree: give no per = "deg"'):
+    with pytest.raises(SceneError, match="states itself which slopes are per degree: leave per"):
         loaded(tmp_path, missile(), 'per = "deg"')
 
 

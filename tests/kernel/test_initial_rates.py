@@ -104,8 +104,8 @@ def test_it_varies_from_case_to_case(pair):
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        ({"phase": held(pins="fixed")}, "has a part about an axis that 'fixed', its kind in the"),
-        ({"phase": held(pins="revolute")}, "has a part about an axis that 'revolute'"),
+        ({"phase": held(pins="fixed")}, "must be 0 about an axis that 'fixed', its kind in the"),
+        ({"phase": held(pins="revolute")}, "must be 0 about an axis that 'revolute'"),
         (
             {
                 "phase": held(pins="revolute"),

@@ -1,4 +1,5 @@
-"""Integration of the cases of a campaign: kernel, steps, refined cases and fallback kernels."""
+"""Integration of the cases of a campaign by a kernel, in steps that are chosen before. Cases with
+too large an error are integrated again in smaller steps, rejected ones also by other kernels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

@@ -219,7 +219,7 @@ def _stored_accumulators(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """State of a run that stores statistics, as its accumulators were last written, and the
-    remaining ones of the wanted cases (``spec``).
+    remaining ones of the wanted cases (``spec``). Raises StoreError as `read_previous` does.
 
     Saved rows of cases that are not in the accumulators are removed. If a saved row is missing or
     damaged, the state is empty and all cases remain.

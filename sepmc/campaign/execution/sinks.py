@@ -59,8 +59,8 @@ class Sink(Protocol):
 
 @dataclass
 class MemorySink:
-    """Sink that keeps the rows of all cases in memory, and their histories if there are columns of
-    these, ``separation``."""
+    """Sink that keeps the rows of all cases in memory (``chunk_tables``: arrays by column, a dict
+    for each call of `take`), and their histories if there are columns of these, ``separation``."""
 
     campaign: Definition
     separation: list[Column]

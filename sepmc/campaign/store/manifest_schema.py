@@ -23,8 +23,10 @@ _REQUIRED_OF_RARE_EVENT = ("seed", "sessions")
 
 
 class _Session(Struct):
-    """Entry of a manifest for one command (session) that ran cases of the run: versions, machine,
-    times and number of cases."""
+    """Entry of a manifest for one command (session) that ran cases of the run: versions of
+    ``sepmc`` and of packages, machine, ``started`` and ``finished`` (ISO dates and times, UTC),
+    number of cases run (``cases_flown``), threads, number of cases by kind of worker (``workers``),
+    and times by stage, s (``timing_s``)."""
 
     sepmc: str
     started: str = ""
@@ -39,7 +41,33 @@ class _Session(Struct):
 
 class _Accuracy(Struct):
     """Entry ``accuracy`` of a manifest, on the steps and the numerical error of a run, which
-    `sepmc.campaign.execution.batch_summary.accuracy_entries` creates; infinite errors are null."""
+    `sepmc.campaign.execution.batch_summary.accuracy_entries` creates; infinite errors are null.
+
+    Attributes
+    ----------
+    errors : dict of str to float
+        Relative error by outcome.
+    achieved, worst_outcome : float, str
+        Largest of these errors, and its outcome, without the outcomes ``places``.
+    places, worst_place : list of str, str
+        Outcomes that are times or positions of extremes, or contact; the one of them with the
+        largest error.
+    cases : int
+        Number of calibration cases that the errors are estimated from.
+    history : float or None
+        Relative error of stored histories.
+    asked, met : float, bool
+        Requested accuracy, and True if ``achieved`` is at most that; None if the file gives the
+        step.
+    step_s, steps : float, list of int
+        Length of the steps that the file gives; else number of steps of each segment.
+    methods, stages : list of str
+        Integration method and name of each segment; ``formulation`` and ``method`` are those of the
+        file.
+    n_refined, n_unconverged, n_fallback : int
+        Numbers of cases integrated again with smaller steps, of those that did not converge, and of
+        cases integrated by a fallback kernel.
+    """
 
     achieved: float | None = None
     worst_outcome: str = ""
@@ -62,7 +90,17 @@ class _Accuracy(Struct):
 
 
 class _Manifest(Struct):
-    """Keys and types of the manifest of a campaign, a rare-event estimate or a single case."""
+    """Keys and types of the manifest of a campaign, a rare-event estimate or a single case.
+
+    ``cases`` is the number of wanted cases; ``numbers`` are their case numbers, as 25:50,73, if
+    they are not all ``of`` cases of the sample. ``n_stored`` is the number of rows in the folder,
+    ``failures`` that of cases not ok. ``min_at_end`` and ``missing`` are numbers of cases by
+    clearance and by event (`BatchSummary`). ``until`` is the sentence on the ``stopping_rule``,
+    ``rarely_drawn`` warnings on values that occurred too rarely. ``digest`` is that of the campaign
+    with its ``settings``, ``files`` the number of files in the ledger; ``files_sha256``,
+    ``campaign_sha256`` and ``sha256`` are checksums of the ledger entries, the campaign file and
+    this manifest. Of a single case ``case`` is its number (None: nominal).
+    """
 
     digest: str
     format: int = 1

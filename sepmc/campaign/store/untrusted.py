@@ -132,9 +132,10 @@ def file_fault(file: "pq.ParquetFile", size: int, rows: int | None = None) -> st
 
 
 def table_fault(table: "pa.Table", first: int | None = None) -> str:
-    """Check the values of columns that were read from a shard: case numbers, statuses, texts.
+    """Check the values of columns that were read from a shard.
 
-    Case numbers must be ``first``, ``first`` + 1, ...; they are not checked if that is None.
+    Case numbers and texts must not be missing, and statuses must be known. Case numbers must be
+    ``first``, ``first`` + 1, ..., unless ``first`` is None.
 
     Returns
     -------

@@ -44,7 +44,9 @@ class Motion:
     the angular acceleration of each rigid group by its leader (body axes, rad/s2; by body in the
     full formulation). Joint forces are given either by ``multipliers`` of the constraint rows in
     ``system``, solved with ``factors``, or as ``wrenches`` on second bodies from the full system.
-    If not ``moving``, all values are changes per newton of a force, without velocity terms.
+    With ``min_norm`` the rows are those of bodies that rotate each by itself, and the multipliers
+    those of minimum norm. If not ``moving``, all values are changes per newton of a force, without
+    velocity terms.
     """
 
     force: dict[str, Any]
@@ -56,7 +58,6 @@ class Motion:
     factors: Solver | None = None
     wrenches: dict[str, Wrench] = field(default_factory=dict)
     moving: bool = True
-    # the rows are those of bodies that rotate by themselves, the multipliers those of minimum norm
     min_norm: bool = False
 
     @property

@@ -56,7 +56,8 @@ def held_field(signal: str) -> str:
 
 
 class Signals:
-    """Values of signals at a state, as expressions; signals are given by their generated names.
+    """Values of signals at a state, as expressions; signals are given by their generated names. A
+    `Jet` is a value with its first and second derivative in time.
 
     Parameters
     ----------
@@ -78,8 +79,8 @@ class Signals:
         return self.of(signal).value
 
     def of(self, signal: str) -> Jet:
-        """Jet of a signal: of its first state if it has states, else of its formula or, if it is
-        sampled, of the sample in use."""
+        """Jet (value and time derivatives) of a signal: of its first state if it has states, else
+        of its formula or, if it is sampled, of the sample in use."""
         if signal not in self._signals:
             self._signals[signal] = (
                 self._state(signal, 0)
@@ -104,7 +105,8 @@ class Signals:
         return self._number(signal, parse(self.formulas.signals[signal].formula)).value
 
     def _state(self, signal: str, k: int) -> Jet:
-        """Jet of state ``k`` of a signal with states: 0 the signal itself, 1 its rate."""
+        """Jet (value and time derivatives) of state ``k`` of a signal with states: 0 the signal
+        itself, 1 its rate."""
         first, scope = self.formulas.with_states[signal], self.s.scope
         value = scope.load(f"{self.s.field} + {state_offset(first + k)}")
         if not self.moving:
@@ -115,8 +117,8 @@ class Signals:
         return Jet(value, rate, second)
 
     def switching(self, kink: Kink) -> tuple[Jet, list[Any]]:
-        """Jet of the switching function of a kink, and the values of the arguments of its call:
-        one, which is the function, or two, whose difference it is."""
+        """Jet (value and time derivatives) of the switching function of a kink, and the values of
+        the arguments of its call: one, which is the function, or two, whose difference it is."""
         numbers = [self._number(kink.signal, one) for one in kink.node.arguments]
         if len(numbers) == 1:
             return numbers[0], [numbers[0].value]
@@ -143,7 +145,8 @@ class Signals:
         return values
 
     def _number(self, signal: str, node: Node) -> Jet:
-        """Jet of ``node``, a number (not a condition) in the formula of ``signal``."""
+        """Jet (value and time derivatives) of ``node``, a number (not a condition) in the formula
+        of ``signal``."""
         if isinstance(node, Number):
             return Jet(node.value)
         key = (signal, node)
@@ -154,8 +157,8 @@ class Signals:
         return self._nodes[key]
 
     def _name(self, signal: str, node: Name) -> Jet:
-        """Jet of a name in the formula of ``signal``: a constant, another signal, or a quantity in
-        the unit that its name ends with."""
+        """Jet (value and time derivatives) of a name in the formula of ``signal``: a constant,
+        another signal, or a quantity in the unit that its name ends with."""
         if node.path.startswith(OWN):
             return self._own(signal, node)
         if node.path in self.formulas.signals[signal].constants:
@@ -170,8 +173,8 @@ class Signals:
         return Jet(*(None if x is None else x * (1.0 / quantity.factor) for x in jet))
 
     def _own(self, signal: str, node: Name) -> Jet:
-        """Jet of a name that stands for a state, the sample in use, or a response parameter of
-        ``signal`` itself."""
+        """Jet (value and time derivatives) of a name that stands for a state, the sample in use, or
+        a response parameter of ``signal`` itself."""
         if node == HELD:
             return Jet(self.s.scope.load(held_field(signal)))
         if node in (STATE, STATE_RATE):
@@ -180,14 +183,15 @@ class Signals:
         return Jet(self.s.case.number(self.s.spec.layout.slots[path]))
 
     def quantity(self, quantity: Quantity) -> Jet:
-        """Jet of a quantity of the flight, SI."""
+        """Jet (value and time derivatives) of a quantity of the flight, SI."""
         key = quantity._replace(factor=1.0)
         if key not in self._quantities:
             self._quantities[key] = self._of_quantities.jet(key)
         return self._quantities[key]
 
     def _call(self, signal: str, node: Call) -> Jet:
-        """Jet of ``node``, a call with a number as result, in the formula of ``signal``."""
+        """Jet (value and time derivatives) of ``node``, a call with a number as result, in the
+        formula of ``signal``."""
         function = node.function
         if function == "where":
             return self._where(signal, node)
@@ -202,9 +206,10 @@ class Signals:
         return jets.apply(function, arguments[0])
 
     def _where(self, signal: str, node: Call) -> Jet:
-        """Jet of ``node``, a call of ``where`` in the formula of ``signal``: that of the branch
-        that the modes select in the present interval. A step may pass the end of the interval by a
-        little; where that branch is undefined there, the branch by the present condition counts."""
+        """Jet (value and time derivatives) of ``node``, a call of ``where`` in the formula of
+        ``signal``: that of the branch that the modes select in the present interval. A step may
+        pass the end of the interval by a little; where that branch is undefined there, the branch
+        by the present condition counts."""
         condition, switching = self._condition(signal, node.arguments[0])
         one, other = (self._number(signal, x) for x in node.arguments[1:])
         result = jets.select(condition, one, other)
@@ -216,8 +221,8 @@ class Signals:
         return self._tied(result, switching)
 
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
-        """Jet of ``node``, a call of abs, sign, min or max in the formula of ``signal``, given the
-        jets of its arguments."""
+        """Jet (value and time derivatives) of ``node``, a call of abs, sign, min or max in the
+        formula of ``signal``, given the jets of its arguments."""
         first, last = arguments[0], arguments[-1]
         # only sign jumps: the others may pass a kink by the little that a step passes its end
         low, high = self._sides(signal, node, by_mode=node.function == "sign")
@@ -317,7 +322,7 @@ class Quantities:
         self.s, self.moving = s, moving
 
     def jet(self, quantity: Quantity) -> Jet:
-        """Jet of a quantity; its item has its generated name."""
+        """Jet (value and time derivatives) of a quantity; its item has its generated name."""
         if quantity.table != "body":
             of_table = {
                 "time": self._time,
@@ -335,16 +340,17 @@ class Quantities:
         return of_axis[key[:-1]](body, "xyz".index(key[-1]))
 
     def _time(self, _: Quantity) -> Jet:
-        """Jet of the time since the start of the case, s."""
+        """Jet (value and time derivatives) of the time since the start of the case, s."""
         return Jet(self.s.time, 1.0 if self.moving else 0.0)
 
     def _event(self, quantity: Quantity) -> Jet:
-        """Jet of the time since an event, s; 0 before it."""
+        """Jet (value and time derivatives) of the time since an event, s; 0 before it."""
         return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
 
     def _since(self, field: str, never: float) -> Jet:
-        """Jet of the time, s, since the instant stored in a workspace field; 0 before it. The field
-        has the value ``never`` (infinity or NaN) while the instant is not known."""
+        """Jet (value and time derivatives) of the time, s, since the instant stored in a workspace
+        field; 0 before it. The field has the value ``never`` (infinity or NaN) while the instant is
+        not known."""
         self.s.c.start(field, never)
         begun = self.s.scope.load(field)
         passed = begun <= self.s.time
@@ -356,13 +362,13 @@ class Quantities:
         return self.s.scope.load(f"K1 + V_{body}", 3)
 
     def _jet(self, value: Any, rate: Any, second: Any = None) -> Jet:
-        """Jet of a value: with derivatives if ``moving``, which the functions ``rate`` and
-        ``second`` (None: not known) then make, else without."""
+        """Jet with a ``value`` and, if ``moving``, the time derivatives that the functions ``rate``
+        and ``second`` (None: not known) return; derivatives 0 if not ``moving``."""
         return Jet(value, rate(), second() if second else None) if self.moving else Jet(value)
 
     def _rate(self, body: str, k: int) -> Jet:
-        """Jet of component ``k`` (0 x, 1 y, 2 z) of the angular rate of a body, body axes,
-        rad/s."""
+        """Jet (value and time derivatives) of component ``k`` (0 x, 1 y, 2 z) of the angular rate
+        of a body, body axes, rad/s."""
         leader = self.s.segment.leader(body)
         if leader == GROUND:
             return Jet(0.0)
@@ -371,8 +377,9 @@ class Quantities:
         )
 
     def _place(self, body: str, k: int) -> Jet:
-        """Jet of coordinate ``k`` (0 x, 1 y, 2 z) of the mass centre of a body, ground axes, m: x
-        and z from the initial common mass centre, y the height above the ground."""
+        """Jet (value and time derivatives) of coordinate ``k`` (0 x, 1 y, 2 z) of the mass centre
+        of a body, ground axes, m: x and z from the initial common mass centre, y the height above
+        the ground."""
         s = self.s
         if k == 1:
             value = s.position(body)[1] + origin_height(s.scope, s.time)
@@ -385,15 +392,15 @@ class Quantities:
         )
 
     def _speed(self, body: str, k: int) -> Jet:
-        """Jet of component ``k`` (0 x, 1 y, 2 z) of the velocity of the mass centre of a body,
-        ground axes, m/s."""
+        """Jet (value and time derivatives) of component ``k`` (0 x, 1 y, 2 z) of the velocity of
+        the mass centre of a body, ground axes, m/s."""
         value = self.s.velocity(body)[k] + self.s.case.velocity[k]
         return self._jet(value, lambda: self._acceleration(body)[k])
 
     def _joint(self, quantity: Quantity) -> Jet:
-        """Jet of a quantity of a joint, by its key: separation distance along the x axis, m; its
-        rate, m/s; angle about the x axis, rad; its rate, rad/s; or time since the joint became
-        free, s (0 before)."""
+        """Jet (value and time derivatives) of a quantity of a joint, by its key: separation
+        distance along the x axis, m; its rate, m/s; angle about the x axis, rad; its rate, rad/s;
+        or time since the joint became free, s (0 before)."""
         s, joint = self.s, quantity.item
         if quantity.key == "angle":
             return self._hinge_angle(joint)
@@ -412,7 +419,7 @@ class Quantities:
         return self._jet(line.length, lambda: line.rate, second)
 
     def _hinge_angle(self, joint: str) -> Jet:
-        """Jet of the angle of a joint about its x axis, rad."""
+        """Jet (value and time derivatives) of the angle of a joint about its x axis, rad."""
         value = hinge_angle(self.s, joint)
         if not self.moving:
             return Jet(value)
@@ -435,7 +442,8 @@ class Quantities:
         return vec3.rotate(self.s.attitude(leader), self.s.scope.load(f"K1 + OMEGA_{leader}", 3))
 
     def _spring(self, quantity: Quantity) -> Jet:
-        """Jet of the extension of a spring since the start, m, or (key "rate") of its rate, m/s."""
+        """Jet (value and time derivatives) of the extension of a spring since the start, m, or (key
+        "rate") of its rate, m/s."""
         s = self.s
         spring = next(one for one in s.spec.scene.spring if one.name == quantity.item)
         line = s.spring(spring)
@@ -449,8 +457,8 @@ class Quantities:
         return self._jet(line.length - s.spring_start(spring), lambda: line.rate, second)
 
     def _attitude(self, body: str, key: str) -> Jet:
-        """Jet of the angle ``key`` ("pitch", "yaw" or "roll") of a body, rad; pitch and roll count
-        full turns."""
+        """Jet (value and time derivatives) of the angle ``key`` ("pitch", "yaw" or "roll") of a
+        body, rad; pitch and roll count full turns."""
         s, leader = self.s, self.s.segment.leader(body)
         if leader == GROUND:
             return Jet(s.case.number({"pitch": at.PITCH, "yaw": at.YAW, "roll": at.ROLL}[key]))
@@ -473,8 +481,8 @@ class Quantities:
         return jet._replace(value=value)
 
     def _axis(self, body: str, axis: int, k: int) -> Jet:
-        """Jet, with derivatives, of component ``k`` in ground axes of the unit vector along body
-        axis number ``axis`` of a body; for both numbers 0 is x, 1 y, 2 z."""
+        """Jet (value and time derivatives) of component ``k`` in ground axes of the unit vector
+        along body axis number ``axis`` of a body; for both numbers 0 is x, 1 y, 2 z."""
         s, leader = self.s, self.s.segment.leader(body)
         r, spin = s.attitude(body), s.spin(body)
         e = (r[axis], r[axis + 3], r[axis + 6])
@@ -484,8 +492,9 @@ class Quantities:
         return Jet(e[k], e_rate[k], e_second[k])
 
     def _flow(self, body: str, key: str) -> Jet:
-        """Jet of a quantity of the flow at a body, by ``key``: alpha or beta, rad, airspeed, m/s,
-        Mach number, or dynamic pressure, Pa, with the density factor of the case."""
+        """Jet (value and time derivatives) of a quantity of the flow at a body, by ``key``: alpha
+        or beta, rad, airspeed, m/s, Mach number, or dynamic pressure, Pa, with the density factor
+        of the case."""
         from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
 
         s = self.s

@@ -139,13 +139,13 @@ class Due:
 
 @dataclass
 class Release:
-    """Release of a joint by a condition of its own, in any phase; or, if ``joint`` is "", an
-    observation event, which releases nothing.
+    """Release, called ``name``, of a joint by a condition of its own, in any phase; or, if
+    ``joint`` is "", an observation event, which releases nothing.
 
     It occurs when all conditions of any of its ``clauses`` are met; a clause is a tuple of
-    condition numbers. By number, ``times`` has the conditions that are times and ``springs`` the
-    springs whose end of stroke is the condition; ``events`` has the conditions on the state and
-    ``loads`` those on joint loads (`Event.number`).
+    condition numbers. By condition number, ``times`` has the conditions that are times and
+    ``springs`` the springs whose end of stroke is the condition; ``events`` has the conditions on
+    the state and ``loads`` those on joint loads (`Event.number`).
     """
 
     name: str
@@ -180,46 +180,72 @@ class Segment:
     ``groups`` are the rigid groups: bodies that rotate together; the first body of a group is its
     leader, whose attitude is integrated. A kind of a joint is the set of constraint rows that it
     has at a time; joints with several possible kinds may change within the segment.
+
+    Attributes
+    ----------
+    joint_kinds : dict of str to Kinds
+        Possible kinds of each joint in the segment.
+    rows, dropped : list of Row
+        Constraint rows, and redundant rows that are left out.
+    welds : list of str
+        Joints without relative rotation: their bodies rotate as one rigid group.
+    redundant : int
+        Number of redundant rows if each body rotates by itself; if > 0, multipliers are not unique.
+    full, least_squares : bool
+        True if every body is a group of its own and accelerations and wrenches are solved for in
+        one system (``full``), or the multipliers of all rows are those of minimum norm
+        (``least_squares``).
+    events, loads : list of Event
+        Events on the state, and on joint forces and moments.
+    end_time : tuple of int
+        Indices of the parameters whose sum is the end time, s; empty: not ended by a given time.
+    delay : int or None
+        Parameter index of the release delay, s, that is added to the end time; None: no delay.
+    late : dict of str to int
+        Parameter index of the delay, s, of each joint whose delayed release is pending: the segment
+        takes as long as the longest of them.
+    after_late : bool
+        True if its end condition was evaluated before it began, while delayed releases were
+        pending.
+    alias_of : str
+        Name of the segment of delayed releases after it, if that has the same rows until the
+        releases: both then use the same compiled derivative and projection. Else empty.
+    pending_event : Event or None
+        Condition that ends the next phase, evaluated while delayed releases are pending.
+    clauses : list of tuple of int
+        The segment ends when all conditions (by number) of any clause are met.
+    times, springs : dict by int
+        By condition number: conditions of the clauses that are times, and springs whose end of
+        stroke is one.
+    releases : list of Release
+        Releases with conditions of their own, and observation events, that may occur in it.
+    max_intervals : int
+        Largest number of intervals that events and load switches divide it in.
     """
 
     name: str
     phase: str
-    joint_kinds: dict[str, Kinds]  # possible kinds of each joint in the segment
+    joint_kinds: dict[str, Kinds]
     groups: list[tuple[str, ...]] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
-    # joints without relative rotation: their bodies rotate as one rigid group
     welds: list[str] = field(default_factory=list)
-    dropped: list[Row] = field(default_factory=list)  # redundant rows that are left out
-    # number of redundant rows if each body rotates by itself: if > 0, multipliers are not unique
+    dropped: list[Row] = field(default_factory=list)
     redundant: int = 0
-    # every body is a group of its own; accelerations and wrenches are solved for in one full system
     full: bool = False
-    # every body is a group of its own; the multipliers of all rows are those of minimum norm
     least_squares: bool = False
-    events: list[Event] = field(default_factory=list)  # on the state
-    loads: list[Event] = field(default_factory=list)  # on joint forces and moments
-    # indices of the parameters whose sum is the end time, s; empty: not ended by a given time
+    events: list[Event] = field(default_factory=list)
+    loads: list[Event] = field(default_factory=list)
     end_time: tuple[int, ...] = ()
-    # parameter index of the release delay, s, that is added to the end time; None: no delay
     delay: int | None = None
-    # parameter index of the delay of each joint whose delayed release is pending: the segment
-    # takes as long as the longest of these delays
     late: dict[str, int] = field(default_factory=dict)
-    # its end condition was evaluated before it began, while delayed releases were pending
     after_late: bool = False
-    # name of the segment of delayed releases after it, if that has the same rows until the
-    # releases: both then use the same compiled derivative and projection
     alias_of: str = ""
-    # condition that ends the next phase, evaluated while delayed releases are pending
     pending_event: Event | None = None
-    # the segment ends when all conditions (by number) of any clause are met
     clauses: list[tuple[int, ...]] = field(default_factory=list)
-    times: dict[int, Due] = field(default_factory=dict)  # conditions of the clauses that are times
-    # springs whose end of stroke is a condition of the clauses, by its number
+    times: dict[int, Due] = field(default_factory=dict)
     springs: dict[int, str] = field(default_factory=dict)
-    # releases with conditions of their own, and observation events, that may occur in it
     releases: list[Release] = field(default_factory=list)
-    max_intervals: int = 1  # maximum number of intervals that events and load switches divide it in
+    max_intervals: int = 1
 
     @property
     def needs_min_norm(self) -> bool:
@@ -302,20 +328,23 @@ class KernelSpec:
     """Specification of the kernel of a scene.
 
     All items have their generated names (`Names`: body1, joint2, ...), in ``layout`` and in the
-    parameter paths ``dispersed`` too.
+    paths of the ``dispersed`` parameters too. ``segments`` are the parts of a case in the order of
+    time; ``attitude_order`` has the bodies in the order of their attitudes in the state, leaders of
+    the first segment first; ``changes`` are the changes of joint kinds. ``failing_joints`` may fail
+    to release; ``load_switches`` is True if loads switch on or off within a case, ``layer_borders``
+    if bodies may pass between layers of the standard atmosphere.
     """
 
     layout: ParameterLayout
     dispersed: frozenset[str]
     names: Names
     segments: list[Segment]
-    # bodies in the order of their attitudes in the state: leaders of the first segment first
     attitude_order: list[str]
     changes: list[Change]
     variant: Variant
-    failing_joints: list[str]  # joints that may fail to release
-    load_switches: bool  # loads switch on or off within a case
-    layer_borders: bool  # bodies may pass between layers of the standard atmosphere
+    failing_joints: list[str]
+    load_switches: bool
+    layer_borders: bool
 
     @property
     def scene(self) -> Scene:

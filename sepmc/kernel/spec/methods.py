@@ -12,20 +12,22 @@ from sepmc.kernel.spec import sharp9_coefficients as sharp
 
 @dataclass(frozen=True)
 class Method:
-    """Explicit Runge-Kutta method of s stages, with or without a continuous extension.
+    """Explicit Runge-Kutta method of s stages, with or without a continuous extension. Raises
+    ValueError if its coefficients contradict each other or its order.
 
     Notes
     -----
     ``a`` (m, m) is the stage matrix, ``c`` (m,) the nodes, ``b`` (s,) the weights; rows of ``a``
     from index s on are stages that only the extension needs. The state at the fraction theta of a
-    step of length h is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``, of order ``dense_order``;
-    without an extension ``dense`` has no columns.
+    step of length h is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j`` with j from 0, of order
+    ``dense_order``; without an extension ``dense`` has no columns.
 
-    ``h sum_i k_i error_weights_i`` is a low-order estimate of the local error: much larger than the
-    error, but it varies from case to case as the error does.
+    ``h sum_i k_i error_weights_i`` over the s stages is a low-order estimate of the local error:
+    much larger than the error, but it varies from case to case as the error does.
 
     ``within`` has the indices of some stages at times inside the step, in the order of time, whose
-    states are among the most accurate.
+    states are among the most accurate. ``checked`` is True: the coefficients of every method are
+    checked when it is made.
     """
 
     name: str

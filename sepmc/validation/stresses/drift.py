@@ -41,14 +41,15 @@ TIMED, REPEATS = 6000, 3  # timed steps and repetitions; the minimum counts
 @dataclass(frozen=True)
 class Hour:
     """Run of a motion over one hour with a method of drift control: largest relative changes of
-    energy and angular momentum, relative error of attitude, and processor time of a step, s."""
+    energy and angular momentum, relative error of attitude (NaN without a closed form), and
+    processor time of a step, s."""
 
     motion: str
     method: str
     run: NominalRun
     energy: float
     angular_momentum: float
-    attitude: float  # NaN where there is no closed form
+    attitude: float
     step_s: float
 
 

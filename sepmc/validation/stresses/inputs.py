@@ -24,8 +24,9 @@ HUGE, TINY = 1e300, 1e-300
 
 
 class _Varied:
-    """Scene in which every number that may vary is an input of the kernel, which runs as plain
-    Python in the steps of the scene; ``nominal`` has their values, SI, by path."""
+    """Scene in which every number that may vary is an input of the kernel. The kernel runs as plain
+    Python, in steps of the length that the scene gives; ``nominal`` has the nominal value of each
+    input, SI, by path."""
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)

@@ -86,7 +86,7 @@ class Stress:
     @property
     def passes(self) -> bool:
         """True if the verdict is accurate, or if it is flagged and the line need not be accurate
-        (``resolved``)."""
+        (``resolved`` is False)."""
         return self.verdict == ACCURATE or (self.verdict == FLAGGED and not self.resolved)
 
 

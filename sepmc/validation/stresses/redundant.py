@@ -53,8 +53,9 @@ def _axes(data: Any) -> Array:
 
 
 def jacobian(run: NominalRun) -> Array:
-    """Constraint rows (m, 6 n) of all joints at the start, in the engine's order: coefficients of
-    the velocities and rates of the n bodies, in body axes."""
+    """Constraint rows (m, 6 n) of all joints at the start, in the engine's order. A row times the
+    velocities and angular rates (6 n,) of the n bodies, in body axes, is the velocity or rate of
+    the second body of a joint relative to the first, along or about a joint axis."""
     names, rows = list(run.scene.body), []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
@@ -74,8 +75,8 @@ def jacobian(run: NominalRun) -> Array:
 
 
 def multipliers(run: NominalRun) -> Array:
-    """Forces, N, and moments, N m, of the engine's joints at the start, as components (m,) along
-    the rows of `jacobian`."""
+    """Forces, N, and moments, N m, of the engine's joints on their second bodies at the start: one
+    component (m,) for each row of `jacobian`, in its order, along the joint axis of that row."""
     components = []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]
