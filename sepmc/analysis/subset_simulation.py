@@ -299,7 +299,7 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
         margin = (
             f" a margin of {threshold:.4g}"
             if math.isfinite(threshold)
-            else " the margins of independent cases"
+            else " the margins of their first, independent cases"
         )
         warnings.append(
             f"few cases violate of those that trial chains reached, down to{margin}: more cases "

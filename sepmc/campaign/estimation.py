@@ -284,7 +284,8 @@ class Model:
                 self.channels[k] = channel.only(known)
 
     def inputs(self, scores: np.ndarray) -> np.ndarray:
-        """Return the inputs (n, d), in the units of the file, at scores (n, dimensions)."""
+        """Return the d inputs (n, d), in the units of the file, at standard-normal scores
+        (n, dimensions); the columns after the first d, of clock delays, do not count."""
         file = self.campaign.file
         own = scores[:, : len(file.dispersions)]
         return sampling.inputs_at_scores(file.dispersions, own, file.copulas)

@@ -184,9 +184,10 @@ def _grid(
     axes: dict[str, np.ndarray], table: TextTable
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Arrange the rows of a long table as a grid. ``axes`` are the columns (rows,) of the axes.
-    Returns the distinct points of each axis, rising, and the index of the row of each combination
-    of points, the last axis fastest. Raises FormatError if a combination is missing or given
-    twice."""
+
+    Returns the distinct points of each axis, rising, and an array (combinations,) with the index of
+    the row of each combination of points, the last axis fastest. Raises FormatError if there are
+    more than `_CELLS` combinations, or one is missing or given twice."""
     points = {name: np.unique(values) for name, values in axes.items()}
     shape = tuple(len(each) for each in points.values())
     if math.prod(shape) > _CELLS:

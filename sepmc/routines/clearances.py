@@ -379,13 +379,14 @@ def _note(distance, point, time, w, job):
 
 @routine
 def _search(pair, motion, w, job):
-    """Search the step of a job for a smaller distance of a pair of parts (`_distance`) than the
-    job's result, or for an earlier contact, and update the result. Returns False if the search
-    reached the limit of halvings.
+    """Search the step of a job, whose numbers begin at w[job] (`search_clearance`), for a smaller
+    distance of a pair of parts than the job's result, or for an earlier contact, and update the
+    result. Returns True if the whole step was searched, False if the limit of halvings was reached.
 
-    ``motion`` has the bounds of `_motion`. The step is halved from left to right, depth first. The
-    first of the job's nodes is the left end of the current interval, node ``top`` its right end;
-    the nodes between are the right ends of the intervals that follow.
+    ``pair`` is as in `_distance`; ``motion`` has the bounds of `_motion`. The step is halved from
+    left to right, depth first. The first of the job's nodes is the left end of the current
+    interval, node ``top`` its right end; the nodes between are the right ends of the intervals that
+    follow.
     """
     noinline()
     kind, _, part_a, part_b = pair

@@ -470,8 +470,9 @@ def _refine_cases(
 def _reported_errors(
     flight: Integration, change: np.ndarray, is_decisive: np.ndarray
 ) -> np.ndarray:
-    """Error (n,) to report for each case: the largest over its decisive outcomes of `SAFETY` times
-    the ``change`` (n, o) by the last halvings, or of the floor of the error estimate if larger."""
+    """Relative error (n,) to report for n cases: the largest over the decisive outcomes (mask
+    ``is_decisive``, (o,)) of max(`SAFETY` times ``change``, floor of the error estimate);
+    ``change`` (n, o) is the relative change by the last halvings."""
     floor = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
     return np.asarray(np.maximum(SAFETY * change, floor)[:, is_decisive].max(axis=1, initial=0.0))
 

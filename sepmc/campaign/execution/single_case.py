@@ -440,11 +440,12 @@ class _SingleRun:
         )
 
     def _try_steps(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
-        """Outcomes (o,), SI, and status of the case at ``steps`` (segments,), integrated by the
-        compiled kernel if they are many.
+        """Integrate the case with ``steps`` (segments,), the number of steps of each segment, by
+        the compiled kernel if they are many; return its outcomes (o,), SI, and its status.
 
-        Raises _RejectedError if they are too many or the case needs another kernel variant,
-        _SpentError if the case may execute no more lines.
+        An integration that reached its end is appended to ``completed``. Raises _RejectedError if
+        the steps are too many or the case needs another kernel variant, UnknownError if the kernel
+        has to be compiled but may not be, _SpentError if the case may execute no more lines.
         """
         if steps.max() > _MAX_STEPS:
             raise _RejectedError(FINER_STEPS)

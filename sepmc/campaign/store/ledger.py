@@ -210,5 +210,5 @@ def read_verified(folder: Path, entry: Entry) -> bytes:
     if size != entry.bytes:
         raise ValueError(f"was changed: it has {size} bytes, and had {entry.bytes}")
     if checksum(content) != entry.sha256:
-        raise ValueError("was changed: its checksum is not that in the ledger")
+        raise ValueError("was changed: its checksum is not the one in checksums.jsonl")
     return content

@@ -137,7 +137,8 @@ def _flag(line: Stress) -> str:
 
 
 def counts(lines: Sequence[Stress]) -> tuple[int, int]:
-    """Number of accurate lines, and of flagged lines."""
+    """Return the number of lines with the verdict "accurate", then that with "flagged"
+    (`Stress.verdict`)."""
     verdicts = [line.verdict for line in lines]
     return verdicts.count(ACCURATE), verdicts.count(FLAGGED)
 
