@@ -220,7 +220,9 @@ def _points(reference: Element, breakpoints: dict[str, Element]) -> np.ndarray:
 def _long_table(
     functions: list[_Function], variables: dict[str, Element], axes: dict[str, str]
 ) -> tuple[TextTable, dict[str, str]]:
-    """Evaluate all functions on one grid, which has all their points.
+    """Evaluate all functions on one grid, which has all their points. Raises FormatError if two
+    variables of the functions are one axis, if the grid has too many points, or if two results
+    have one title.
 
     Linear interpolation on this finer grid gives the same values.
 

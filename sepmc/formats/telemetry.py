@@ -231,7 +231,7 @@ def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
 def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, str, bool]:
     """Convert the values of a channel, times its factor, to the unit of its column. Returns the
     values (n,), the unit that they had in the file, and True if that is not known and was taken to
-    be the column's."""
+    be the column's. Raises FormatError if the unit is of another kind."""
     values, own = mapped.factor * raw.values, split_unit(mapped.column)[1]
     if not own:
         return values, "", False
@@ -476,7 +476,8 @@ def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
 
 def _of_tdms(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of a TDMS file. The time of a channel is that of its waveform, or the
-    channel of the time in its group; ``time`` names that channel."""
+    channel of the time in its group; ``time`` names that channel. Raises FormatError if a group
+    has no such channel or several, or its unit is none of time."""
     nptdms = import_module("nptdms")
 
     channels: dict[str, _Raw] = {}

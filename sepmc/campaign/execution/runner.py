@@ -435,7 +435,8 @@ class Runner:
 
     def write_manifest(self, complete: bool) -> None:
         """Write the manifest and the campaign text into the folder; the manifest states
-        ``complete``, which is True if all wanted cases are stored."""
+        ``complete``, which is True if all wanted cases are stored. Raises StoreError if they cannot
+        be written."""
         assert self.folder is not None
         campaign = self.campaign
         manifest = {

@@ -145,7 +145,8 @@ def write_accumulators(
     folder: Path, cases: int, arrays: Sequence[np.ndarray], about: dict[str, str]
 ) -> None:
     """Write the accumulators of the first ``cases`` cases of a run: one-dimensional ``arrays`` that
-    statistics are computed from. They are recorded in the ledger, and earlier ones are deleted."""
+    statistics are computed from. They are recorded in the ledger, and earlier ones are deleted.
+    Raises StoreError if they cannot be written."""
     lengths = json.dumps([len(entry) for entry in arrays])
     path = shard_path(folder, folders.ACCUMULATORS, cases)
     column = Column("value", "", "accumulators of the statistics, one array after the other")
