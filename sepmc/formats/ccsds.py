@@ -187,8 +187,8 @@ def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     radius = math.hypot(x, y)
     if radius < 1.0:
         raise FormatError(
-            "lies above a pole of the Earth at this epoch, where no direction is east; choose another "
-            "epoch"
+            "lies above a pole of the Earth at this epoch, where no direction is east; choose "
+            "another epoch"
         )
     squared = _FLATTENING * (2.0 - _FLATTENING)
     latitude, height = math.atan2(z, radius * (1.0 - squared)), 0.0
