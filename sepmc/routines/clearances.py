@@ -64,7 +64,8 @@ def search_clearance(w, job):
         Position in w of the job: all data of the search, at these offsets from `layout`:
 
         JOB_TIME, JOB_LENGTH : start and length of the step, s
-        JOB_PARTS : position and number of the parts of both outlines (`layout.PART_SIZE`)
+        JOB_PARTS : position in w of the first part, and number of parts, of outline a, then of b;
+        a part has `layout.PART_SIZE` numbers
         JOB_CENTRES : layout points of the centres of mass of bodies a and b
         JOB_PATH : coefficients (JOB_POWERS, PATH) of the powers of the fraction of the step: of the
         vector from a to b (3), and of the attitude quaternions of a and b (4, 4)

@@ -206,8 +206,8 @@ class Integration:
 
 
 def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
-    """Indices (segments,) of integration methods, from a name for each segment of a kernel; 0, the
-    most exact method, where the segment lacks the named one."""
+    """Indices (segments,) in ``kernel.methods[segment]`` of the integration method that ``names``
+    gives for each segment; 0, the most exact method, where the segment lacks it."""
     pairs = zip(kernel.methods, names, strict=True)
     return np.array(
         [available.index(name) if name in available else 0 for available, name in pairs],

@@ -41,8 +41,8 @@ def conditioned(condition: float) -> Bound:
 
 
 def promised(steps: float) -> Bound:
-    """Bound of the error that a case with status ok may have after a number of steps: 1e-6 a step,
-    the audit bound of ``attitude_drift``."""
+    """Bound of the error that a case with status ok may have after a number of ``steps``: 1e-6 for
+    each step, the audit bound of ``attitude_drift``."""
     return Bound(AUDIT_BOUNDS["attitude_drift"] * steps, f"1e-6 x {steps:.0f} steps (audit)")
 
 
