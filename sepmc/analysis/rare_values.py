@@ -225,8 +225,8 @@ def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occu
 
 
 def undersampled(counted: Sequence[Occurrence]) -> list[Occurrence]:
-    """Return those of the ``counted`` values that occurred less often than required, the most
-    probable value first."""
+    """Return those of the ``counted`` values that occurred less often than their ``min_count``, the
+    most probable value first."""
     rare = [one for one in counted if one.times < one.of.min_count]
     return sorted(rare, key=lambda one: -one.of.probability)
 

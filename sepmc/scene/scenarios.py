@@ -53,7 +53,7 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
             continue
         name, title, settings = (table.get(key, "") for key in _KEYS)
         if not isinstance(name, str) or not NAME_PATTERN.fullmatch(name) or len(name) > NAME:
-            reason = f"must be a letter followed by letters, digits or _, at most {NAME} of them"
+            reason = f"must be a letter followed by letters, digits or _, at most {NAME} characters"
             problems.add(f"{key_path}.name", reason, name)
             continue
         key_path = f"scenario.{name}"

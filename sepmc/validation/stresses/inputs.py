@@ -25,7 +25,8 @@ HUGE, TINY = 1e300, 1e-300
 
 class _Varied:
     """Scene in which every number that may vary is an input of the kernel, which runs as plain
-    Python in the steps of the scene; ``nominal`` has their values, SI, by path."""
+    Python in the steps of the scene; ``nominal`` has the nominal values of these numbers, SI, by
+    path."""
 
     def __init__(self, tree: Tree):
         file = parse_campaign(copy.deepcopy(tree), "stress", None)
