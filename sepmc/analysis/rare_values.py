@@ -126,8 +126,9 @@ def _probabilities(dispersion: Dispersion) -> dict[float, float]:
 
 
 def _required_count(dispersion: Dispersion, probability: float) -> int:
-    """Return the required occurrences of a value: `MIN_OCCURRENCES`, or fewer if the distribution
-    is a column of a table in which fewer rows have the value."""
+    """Return how often a value of a distribution, of the given probability, must occur in a sample:
+    `MIN_OCCURRENCES` times, or fewer if the distribution is a column of a table in which fewer rows
+    have the value."""
     in_table = round(probability * sum(dispersion.weights)) if dispersion.column else np.inf
     return int(min(MIN_OCCURRENCES, in_table))
 

@@ -115,7 +115,7 @@ class SurrogateMove:
     ) -> "SurrogateMove":
         """Fit the surrogate to particles with ``scores`` (n, d), ``residuals`` (n, m) in sigma and
         ``weights`` (n,); particles with a residual that is not finite are left out. The weights
-        determine only ``lines``."""
+        determine only ``lines``. ``temperature`` is the power of the likelihood, 0 to 1."""
         known = np.isfinite(residuals).all(axis=1)
         values, residuals = coordinates.of(scores[known]), residuals[known]
         weights = np.asarray(weights[known] / weights[known].sum())

@@ -82,7 +82,7 @@ def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -
 
 
 def _progress(done: int, total: int, seconds: float) -> str:
-    """Return the progress message after a time, s."""
+    """Return the progress message: ``done`` of ``total`` variants are run after ``seconds``."""
     return f"{done} of {total} variants run in {seconds:.0f} s ..."
 
 
@@ -179,8 +179,9 @@ def _of_method(study: Study, method: str, formulation: str) -> list[SolverVarian
 
 
 def _multiples(integration: Integration) -> list[Integration]:
-    """Return an integration with half, twice and four times its number of steps, in which no case
-    is refined; a fixed step is not doubled."""
+    """Return three copies of an integration, with half, twice and four times its number of steps,
+    in which no case is refined. If the file gives the step, the first one (a step twice as long) is
+    left out."""
     half = np.maximum(1, np.round(0.5 * integration.steps)).astype(np.int64)
     fewer = [replace(integration, steps=half)] if integration.step is None else []
     return [

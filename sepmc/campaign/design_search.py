@@ -233,8 +233,8 @@ class DesignSearch:
     def _margin(
         self, item: Requirement, most: int, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Return the margin (m,) of each design to a requirement: negative if more than ``most``
-        cases violate it.
+        """Return the margin (m,) of each design to a requirement, from arrays (m, cases) of m
+        designs by column: negative if more than ``most`` cases violate it.
 
         It is the scaled margin of the worst case that remains without the ``most`` worst cases. For
         a requirement on a violation of any other one, the margin of a case is the smallest over the
@@ -253,8 +253,11 @@ class DesignSearch:
 
     def _scaled_margins(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the margins (m, cases) of cases to the nearer bound of a requirement, negative
-        beyond it; minus infinity for a case without the outcome. They are divided by the standard
-        deviation that they had in the first call for this requirement."""
+        beyond it; minus infinity for a case without the outcome. ``columns`` are as for `_margin`.
+
+        Margins are divided by the standard deviation that they had in the first call for this
+        requirement, which is kept in ``scales``.
+        """
         values = margins(columns[item.metric], item)
         known = (columns["status"] == Status.OK) & ~np.isnan(values)
         values = np.where(known, values, -np.inf)
@@ -265,8 +268,9 @@ class DesignSearch:
         return np.asarray(values / self.scales[item.name])
 
     def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the mask (m, cases) of the cases that violate a requirement. Cases without a
-        result count as violations, as in a verdict."""
+        """Return the mask (m, cases) of the cases that violate a requirement, from arrays
+        (m, cases) of m designs by column, among them ``status``. Cases without a result count as
+        violations, as in a verdict."""
         status = columns["status"]
         if item.metric == VIOLATION:
             others = [one for one in self.items if one.metric != VIOLATION]

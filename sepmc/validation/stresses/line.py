@@ -109,7 +109,7 @@ def judge(
     resolved: bool = False,
 ) -> Stress:
     """Line of `sepmc stress` on the error of a quantity of a nominal run, with the status of the
-    run and its audit columns beyond their bounds."""
+    run and its audit columns beyond their bounds; arguments become fields of `Stress`."""
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 
