@@ -330,8 +330,9 @@ class _SingleRun:
         return integrate_nominal(self.kernel, self.layout, steps, self.durations, instants)
 
     def _report_forecast(self, lines: float) -> None:
-        """Announce an integration of so many kernel ``lines`` in plain Python if it takes longer
-        than three seconds; compile the kernel instead if they exceed the lines left."""
+        """Announce an integration of a number of kernel ``lines`` in plain Python if it takes
+        longer than three seconds. If the lines exceed those left and compiling is allowed, compile
+        the kernel instead."""
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:
