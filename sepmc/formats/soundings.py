@@ -143,7 +143,8 @@ def _columns(
     path: Path, options: dict[str, Any], needed: tuple[str, ...]
 ) -> tuple[Columns, list[str]]:
     """Read the columns of a file, and sentences on its format. Of a sounding only the columns
-    ``needed`` are read, and only the rows that have all of them. Raises FormatError."""
+    ``needed`` are read, and only the rows that have all of them; the option ``columns`` does not
+    apply to it. Raises FormatError if the file is no table, or has several soundings."""
     named = options.get("columns")
     if path.suffix.lower() != ".parquet":
         text = text_of(path)

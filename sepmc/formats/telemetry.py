@@ -160,7 +160,7 @@ def read_telemetry(
     understood = [f"the library that reads the file warns: {remark}" for remark in remarks]
     for each in mapped:
         if each.column in result:
-            raise FormatError(f"has two channels for the column {each.column}; choose one by a map")
+            raise FormatError(f"has two channels for the column {each.column}; choose one by --map")
         own = _resolve(each, channels)
         raw = channels[own.channel]
         values, unit, is_assumed = _in_unit_of_column(own, raw)

@@ -373,7 +373,8 @@ class State:
         return vec3.dot(gap, self._spring_axis(spring)).called("spring_start")
 
     def _spring_ends(self, spring: Spring) -> tuple[Any, Any, Any]:
-        """Ends of a spring on its two bodies, as in `Case.ends`."""
+        """Ends of a spring on its two bodies, three vectors as `Case.ends` returns them: both arms,
+        and the vector between the points at the start, body axes, m."""
         start = int(self.c.model.springs_p) + at.SPRING_SIZE * self._number(spring)
         return self.case.ends(start, spring.bodies, spring.second_point is not None)
 
