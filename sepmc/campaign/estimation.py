@@ -278,8 +278,8 @@ class Model:
                 )
                 if np.count_nonzero(known) < 2:
                     raise InputError(
-                        f"measurement.{k}.column = {channel.column}: no case has a value at the "
-                        "times of its samples"
+                        f"measurement.{k}.column = {channel.column}: fewer than two of its samples "
+                        "have times at which a case has a value; check delay_s, or leave it out"
                     )
                 self.channels[k] = channel.only(known)
 
