@@ -185,8 +185,8 @@ def attribute_missing(
 def _partition(
     cases: Mapping[str, np.ndarray], inputs: Sequence[str], limit: float
 ) -> dict[str, "_Partition"]:
-    """Return by name the partition of each input that varies, into at most ``limit`` parts (limited
-    to 2 to 8)."""
+    """Return by name the partition of each input that varies in the case table ``cases``, into at
+    most ``limit`` parts (raised or lowered to the range 2 to 8)."""
     max_parts = int(np.clip(limit, *_PART_LIMITS))
     partitions = {name: _Partition(column(cases, name), max_parts) for name in inputs}
     return {name: partition for name, partition in partitions.items() if partition.number > 1}

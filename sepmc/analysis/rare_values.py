@@ -127,8 +127,9 @@ def _probabilities(dispersion: Dispersion) -> dict[float, float]:
 
 
 def _required_count(dispersion: Dispersion, probability: float) -> int:
-    """Return the required occurrences of a value: `MIN_OCCURRENCES`, or fewer if the distribution
-    is a column of a table in which fewer rows have the value."""
+    """Return how often a value of a distribution, of the given probability, must occur in a sample:
+    `MIN_OCCURRENCES` times, or fewer if the distribution is a column of a table in which fewer rows
+    have the value."""
     in_table = round(probability * sum(dispersion.weights)) if dispersion.column else np.inf
     return int(min(MIN_OCCURRENCES, in_table))
 
@@ -226,8 +227,8 @@ def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occu
 
 
 def undersampled(counted: Sequence[Occurrence]) -> list[Occurrence]:
-    """Return those of the ``counted`` values that occurred less often than required, the most
-    probable value first."""
+    """Return those of the ``counted`` values that occurred less often than their ``min_count``, the
+    most probable value first."""
     rare = [one for one in counted if one.times < one.of.min_count]
     return sorted(rare, key=lambda one: -one.of.probability)
 

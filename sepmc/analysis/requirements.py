@@ -146,8 +146,9 @@ class RequirementCounter:
     def _count(
         self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Add the violating cases (mask ``known``) and the ``unknown`` ones to the counts; return
-        the two masks (n,) unchanged."""
+        """Add to the counts the cases that violate (mask ``known``) and those without a known
+        outcome (mask ``unknown``), and note the first number of each among the case ``numbers``
+        (n,); return the two masks (n,) unchanged."""
         self.missing += int(np.count_nonzero(unknown))
         self.violations += int(np.count_nonzero(known | unknown))
         if self.first < 0 and known.any():
@@ -385,7 +386,8 @@ def design_value(
 
 def no_verdict_reason(audit_failed: bool, sampler: str) -> str:
     """Return the reason why the cases of a run allow no verdict on any requirement; an empty string
-    if they allow verdicts. ``sampler`` is the value of ``run.sampler``."""
+    if they allow verdicts. ``audit_failed`` is True if an ok case is beyond a bound of the audit;
+    ``sampler`` is the value of ``run.sampler``."""
     if audit_failed:
         return "the audit failed: some ok cases are beyond the bound of an audit column"
     if sampler != "random":

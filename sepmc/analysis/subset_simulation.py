@@ -366,7 +366,8 @@ def _levels(
     depth: int,
     worst: float,
 ) -> LevelSchedule:
-    """Find thresholds and step sizes with trial chains of ``size`` cases in each level.
+    """Find thresholds and step sizes with trial chains of ``size`` cases in each level; a case has
+    ``dimensions`` scores.
 
     The first level has independent cases; at most ``depth`` levels follow. Cases without a margin
     count as if their margin were ``worst``.

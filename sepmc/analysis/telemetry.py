@@ -514,11 +514,12 @@ def _coarse_shift(
     scales: Sequence[float],
     noise: Sequence[float],
 ) -> tuple[float, float]:
-    """Scan all shifts at which flight and run overlap enough, for the nominal and a few other
+    """Scan all clock shifts at which flight and run overlap enough, for the nominal and a few other
     cases; return the shift at which any of them is nearest, and the step of the scan, s.
 
-    ``scales`` and ``noise`` have a number for each channel, in its unit. Raises InputError if there
-    is no such shift.
+    A shift is the time of the flight's clock at time 0 of the run. ``scales`` (as of `_scales`) and
+    ``noise`` (sigma) have a number for each channel, in its unit. Raises InputError if the channels
+    have no time in common or overlap with the run at no shift.
     """
     first = max(channel.time[0] for channel in channels)
     last = min(channel.time[-1] for channel in channels)

@@ -150,8 +150,8 @@ def _has_same_segments(study: Study, campaign: Campaign) -> bool:
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
     """Return the whole scene, then a variant without each of its features, and last one with
-    histories. A feature without which the scene is invalid, or has other segments, is reported and
-    left out."""
+    histories in steps of ``history_step``, s (0: a default). A feature without which the scene is
+    invalid, or has other segments, is reported and left out."""
     scene = study.campaign.scene
     variants = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
     tables = tuple(f"body.{b}.aerodynamics" for b, body in scene.body.items() if body.aerodynamics)

@@ -45,7 +45,8 @@ class Reference:
 
     @property
     def floor(self) -> float:
-        """Smallest error that can be measured against the reference."""
+        """Smallest relative error that can be measured against the reference: the larger one of
+        `change` and `difference`."""
         return max(self.change, self.difference)
 
     @property

@@ -139,9 +139,12 @@ class Study:
     def error_of(
         self, outcomes: np.ndarray, ok: np.ndarray, reference: np.ndarray, valid: np.ndarray
     ) -> tuple[float, str]:
-        """Return the same as `error`, from outcomes (m, o) of the first m cases, of which ``ok``
-        (m,) have status ok. Errors are scaled by the scatter over all cases of the reference (n,
-        o)."""
+        """Return the largest relative error and the name of its outcome, as `error` does, from the
+        ``outcomes`` (m, o) of the first m cases and the mask ``ok`` (m,) of those with status ok.
+
+        ``reference`` (n, o) and the mask ``valid`` (n,) are those of all n cases: errors are scaled
+        by the scatter over the valid cases of the reference.
+        """
         common = np.flatnonzero(ok & valid[: len(outcomes)])
         if not len(common):
             return np.inf, ""

@@ -64,7 +64,8 @@ def render_table(name: str, frame: pd.DataFrame) -> str:
 
 
 def _cell(column: str, value: Any) -> str:
-    """Return a value of a column as text; True is the name of a mark, False empty, NaN "-"."""
+    """Return a value of a column as text; NaN is "-". True is a mark that depends on the column,
+    such as "<- default", and False an empty text."""
     if isinstance(value, bool) or type(value).__name__ == "bool":
         return {"scaled": "scaled", "default": "<- default"}[column] if value else ""
     if pd.isna(value):

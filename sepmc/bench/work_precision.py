@@ -84,7 +84,7 @@ def rows_of(study: Study, reference: Reference, variants: list[SolverVariant]) -
 
 
 def _progress(done: int, total: int, seconds: float) -> str:
-    """Return the progress message after a time, s."""
+    """Return the progress message: ``done`` of ``total`` variants are run after ``seconds``."""
     return f"{done} of {total} variants run in {seconds:.0f} s ..."
 
 

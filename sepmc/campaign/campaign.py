@@ -599,8 +599,8 @@ class Campaign(Definition):
         Raises
         ------
         StoreError, ValueError
-            If ``out`` cannot be used, there is no such requirement, or no margin measures how far
-            a case is from violating it.
+            If ``out`` cannot be used or is missing with ``resume``, there is no such requirement,
+            or no margin measures how far a case is from violating it.
         """
         check_threads(threads)
         limit_state(self, check_text("requirement", requirement, "a name"))

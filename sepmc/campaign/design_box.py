@@ -108,7 +108,7 @@ def _parameters(campaign: Definition, key: str) -> Iterator[Parameter]:
     try:
         yield from named_parameters(campaign.file.tree, campaign.scene, key)
     except UnknownPath as error:
-        raise InputError(f"vary, {error.args[0]}") from None
+        raise InputError(f"vary: names no number that can vary: {error.args[0]}") from None
 
 
 @dataclass(frozen=True)

@@ -278,13 +278,14 @@ class Model:
                 )
                 if np.count_nonzero(known) < 2:
                     raise InputError(
-                        f"measurement.{k}.column = {channel.column}: no case has a value at the "
-                        "times of its samples"
+                        f"measurement.{k}.column = {channel.column}: fewer than two of its samples "
+                        "have times at which a case has a value; check delay_s, or leave it out"
                     )
                 self.channels[k] = channel.only(known)
 
     def inputs(self, scores: np.ndarray) -> np.ndarray:
-        """Return the inputs (n, d), in the units of the file, at scores (n, dimensions)."""
+        """Return the d inputs (n, d), in the units of the file, at standard-normal scores
+        (n, dimensions); the columns after the first d, of clock delays, do not count."""
         file = self.campaign.file
         own = scores[:, : len(file.dispersions)]
         return sampling.inputs_at_scores(file.dispersions, own, file.copulas)

@@ -78,9 +78,9 @@ def fresh_verdict(
     threads: int | None,
     announce: Log | None,
 ) -> tuple[bool, pd.DataFrame]:
-    """Run a campaign with some ``settings`` and a seed that was not used before; return True if its
-    verdicts on all requirements are pass, and the table of verdicts (`Result.requirements`). Their
-    confidence is raised for ``tries`` such runs."""
+    """Run ``cases`` cases of a campaign with some ``settings`` and a ``seed`` that was not used
+    before; return True if its verdicts on all requirements are pass, and the table of verdicts
+    (`Result.requirements`). Their confidence is raised for ``tries`` such runs."""
     settings = settings | raised_confidence(campaign, tries)
     run = campaign.with_settings(settings).run(cases, seed, threads, announce=announce)
     verdicts = run.requirements()

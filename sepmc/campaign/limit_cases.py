@@ -167,8 +167,8 @@ class _LimitSearch:
 
     @cached_property
     def single(self) -> np.ndarray:
-        """Levels (n, d) of the n cases in which one input is at one of its `ends`, and all others
-        are at 0, nominal."""
+        """Levels (n, d), as in this class, of the n cases in which one varied input is at one of
+        its `ends` and all other inputs are at level 0, nominal."""
         rows = [self._changed(self.nominal, k, to) for k in self.varied for to in self.ends(k)]
         return np.array(rows)
 

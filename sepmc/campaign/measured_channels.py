@@ -97,7 +97,8 @@ def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list
         if len(own.time) < 2:
             raise InputError(
                 f"{key_path}: {one.file} has {len(own.time)} samples within the run with delay_s = "
-                f"{one.delay:.14g}: set delay_s, the time of the file at time 0 of the run"
+                f"{one.delay:.14g}; must have at least two: set delay_s, the time of the file at "
+                "time 0 of the run"
             )
         channels.append(own)
         understood += sentences

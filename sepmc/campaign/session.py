@@ -372,7 +372,8 @@ class Session:
         return self.campaign.with_settings({v.key: float(value) for v, value in pairs})
 
     def _size(self, cases: int | None, seed: int | None) -> tuple[int, int]:
-        """Return (cases, seed), checked; those of the file replace None. Raises InputError."""
+        """Return (cases, seed), checked; those of the file replace None. Raises InputError if one
+        of them is not a whole number in its range."""
         cases = self.campaign.scene.run.cases if cases is None else cases
         return check_int("cases", cases, 1, CASES), self.campaign.checked_seed(seed)
 

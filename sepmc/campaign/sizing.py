@@ -149,7 +149,8 @@ def start_search(
 
     Parameters are those of `size`, but ``minimise`` has a formula for each cost, and ``tries`` is
     the number of verdict runs for which confidences are raised. Returns the campaign with only the
-    requirements of ``subject_to``, and the search, before it has run a design. Raises InputError.
+    requirements of ``subject_to``, and the search, before it has run a design. Raises InputError if
+    the request is not valid, or ``cases`` are too few to show a requirement.
     """
     check_variables(variables)
     trees = [cost_tree(one, variables) for one in minimise]

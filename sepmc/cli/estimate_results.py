@@ -46,7 +46,8 @@ def write_samples(estimation: Estimation, campaign: Campaign, path: Path) -> Pat
 
 def write_estimation(estimation: Estimation, folder: Path, figure: bool) -> list[Path]:
     """Write ``posterior.csv`` (table of parameters), ``posterior.json`` and, if ``figure``,
-    ``posterior.png`` into a run folder; return their paths."""
+    ``posterior.png`` into a run folder, and record these files in its manifest; return their
+    paths."""
     written = [folder / "posterior.csv", folder / "posterior.json"]
     folders.write_text(written[0], estimation.table.to_csv(index=False))
     folders.write_json(written[1], _summary(estimation))

@@ -121,8 +121,9 @@ def _error(number: float | None) -> str:
 def render_case_error(
     outcomes: Mapping[str, float], errors: Mapping[str, float], campaign: "Campaign"
 ) -> str | None:
-    """Return a sentence on the largest relative error of one case, from its ``outcomes`` and their
-    ``errors`` by name; None if no outcome has a known error."""
+    """Return a sentence on the largest relative error of one case, over its decisive outcomes
+    (`sepmc.campaign.execution.accuracy.decisive`), from its ``outcomes`` and their ``errors`` by
+    name; None if none of these outcomes has a known error."""
     from sepmc.campaign.execution.accuracy import decisive
 
     columns, step = campaign.outcome_columns, campaign.scene.solver.step

@@ -190,7 +190,10 @@ def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     x, y, z = position
     radius = math.hypot(x, y)
     if radius < 1.0:
-        raise FormatError("lies above a pole of the Earth, where no direction is east")
+        raise FormatError(
+            "lies above a pole of the Earth at this epoch, where no direction is east; choose "
+            "another epoch"
+        )
     squared = _FLATTENING * (2.0 - _FLATTENING)
     latitude, height = math.atan2(z, radius * (1.0 - squared)), 0.0
     for _ in range(10):
@@ -220,7 +223,8 @@ def _attitude(
     """Read the attitude of the vehicle at an epoch. Returns the rotation matrix (3, 3) from body
     axes (forward, up, right) to the frame of the trajectory, the angular rate (3,) in body axes,
     rad/s, and sentences. ``attitude`` is the option of `read_initial`, ``text`` the epoch for
-    messages. Raises FormatError."""
+    messages. Raises FormatError if the option or the file is not valid, or has no row about the
+    epoch."""
     if not isinstance(attitude, dict) or not isinstance(attitude.get("file"), str):
         raise FormatError('the attitude must be a table: { file = "NAME.aem", axes = "..." }')
     if unknown := [key for key in attitude if key not in ("file", "axes")]:

@@ -190,7 +190,8 @@ def _cells(state: Element, units: dict[str, str]) -> list[str]:
 def _attitude_cells(state: Element, segment: Segment) -> list[str]:
     """Texts of the numbers of an attitude, an element ``state`` of XML: of a quaternion with the
     scalar part last, which is also written into the metadata of ``segment``, or of Euler angles in
-    the order of EULER_ROT_SEQ. Raises FormatError."""
+    the order of EULER_ROT_SEQ. Raises FormatError if it is of another type, a number is missing, or
+    the angles are not in that order."""
     kind = segment.metadata.get("ATTITUDE_TYPE", "").upper()
     if kind.startswith("QUATERNION"):
         segment.metadata["QUATERNION_TYPE"] = "LAST"
@@ -216,8 +217,8 @@ def _attitude_cells(state: Element, segment: Segment) -> list[str]:
 
 def _add_row(segment: Segment, cells: list[str], n: int, kind: str) -> None:
     """Convert the texts of a row, epoch and numbers, and add them to a segment; a row equal to the
-    one before it is left out. ``n`` is the line number, ``kind`` "OEM" or "AEM". Raises
-    FormatError."""
+    one before it is left out. ``n`` is the line number, ``kind`` "OEM" or "AEM". Raises FormatError
+    if the row is not valid, or its epoch is not after that of the row above."""
     line = " ".join(cells)
     epoch = seconds_of(cells[0])
     if epoch is None:

@@ -78,8 +78,8 @@ def split_header(title: str, kind: str) -> tuple[str, str]:
 
 
 def _unit(text: str, units: dict[str, float]) -> str:
-    """Unit suffix of keys, one of ``units``, that a spelling such as ``m/s`` means; a spelling that
-    means none of them is returned in some form that is not in ``units``."""
+    """Unit suffix of keys, one of ``units``, that a spelling such as ``m/s`` means. For a spelling
+    that means none of them a text that is not in ``units`` is returned, mostly the spelling."""
     if text in units:
         return text
     spelling = _SPELLINGS.get(text.lower(), text)

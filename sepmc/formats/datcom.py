@@ -155,9 +155,12 @@ class _Reference:
 
 
 def _references(text: str, output: _Output) -> dict[str, _Reference]:
-    """Reference quantities ("sref", "lref", "latref") that a case prints, or else that input cards
-    in ``text`` have. Where a card agrees with a printed number within its rounding, the card's
-    number is returned, without rounding."""
+    """Reference quantities of a case, in m2 and m, by name: "sref", "lref", "latref"; one that the
+    file does not have is left out.
+
+    The number that the case prints counts, with its rounding; but a number of an input card in
+    ``text`` counts, as exact, if it equals the printed one within the rounding, or if none is
+    printed (then that of the last card)."""
     metre = _metres_per_unit(text)
     cards: dict[str, list[float]] = {}
     for match in _CARD.finditer(text):
@@ -253,8 +256,8 @@ def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
 
 
 def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Read an aerodynamic table from the text of an output of DATCOM, without converting signs and
-    lengths.
+    """Read an aerodynamic table from the text of an output of DATCOM, without converting it to the
+    signs and the reference lengths of the campaign.
 
     Parameters
     ----------
@@ -266,8 +269,8 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     Returns
     -------
     table : dict
-        Keys of ``[body.NAME.aerodynamics.table]``; signs and reference lengths as in the file,
-        slopes per rad.
+        Keys of ``[body.NAME.aerodynamics.table]``. Coefficients have DATCOM's signs and refer to
+        its area and lengths, which are not in the table; slopes are per rad.
     understood : list of str
         Sentences on what was read, for the user.
 

@@ -105,8 +105,9 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
 
 def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
     """Columns (n,) of the coefficients and derivatives in a long table, by name; ``lift`` and
-    ``drag`` count too. A sentence on the columns that are none of these is added to
-    ``columns.understood``. Raises FormatError if the meaning of a title is not unique."""
+    ``drag`` count too. A sentence on the columns that are neither these nor axes is added to
+    ``columns.understood``. Raises FormatError if the meaning of a title is not unique, or an option
+    names an unknown coefficient."""
     values: dict[str, np.ndarray] = {}
     used = {title for title, _, _ in columns.named.values()}
     for name, (title, scale, _) in columns.named.items():
@@ -146,7 +147,7 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
 def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:
     """Raise FormatError if a coefficient is only in columns for several conditions, such as "CA
     Power-Off" and "CA Power-On" of RASAero: one of them must be chosen. ``left`` are the titles
-    that were not understood."""
+    that were not understood, ``values`` the columns of coefficients by name."""
     for meaning, short in (("axial", "CA"), ("normal", "CN")):
         titles = [each for each in left if re.match(rf"{short}[ _]power", each, re.IGNORECASE)]
         if titles and meaning not in values:
@@ -159,9 +160,10 @@ def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:
 def _from_lift(
     values: dict[str, np.ndarray], axes: dict[str, np.ndarray], understood: list[str]
 ) -> None:
-    """Replace ``lift`` and ``drag`` in ``values``, if they are there, by normal and axial force, in
-    place, and add a sentence to ``understood``. Raises FormatError if only one of them is there, or
-    there is no alpha or a sideslip."""
+    """Replace the columns ``lift`` and ``drag`` in ``values``, if they are there, by normal and
+    axial force, in place, and add a sentence to ``understood``; if normal and axial force are there
+    already, only remove them. ``axes`` are the columns of the axes, rad. Raises FormatError if only
+    one of the two is there, there is no alpha, or a sideslip is not 0."""
     lift, drag = values.pop("lift", None), values.pop("drag", None)
     if lift is None and drag is None:
         return
@@ -185,9 +187,10 @@ def _grid(
     axes: dict[str, np.ndarray], table: TextTable
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Arrange the rows of a long table as a grid. ``axes`` are the columns (rows,) of the axes.
-    Returns the distinct points of each axis, rising, and the index of the row of each combination
-    of points, the last axis fastest. Raises FormatError if a combination is missing or given
-    twice."""
+
+    Returns the distinct points of each axis, rising, and an array (combinations,) with the index of
+    the row of each combination of points, the last axis fastest. Raises FormatError if there are
+    more than `_CELLS` combinations, or one is missing or given twice."""
     points = {name: np.unique(values) for name, values in axes.items()}
     shape = tuple(len(each) for each in points.values())
     if math.prod(shape) > _CELLS:

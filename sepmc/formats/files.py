@@ -209,7 +209,10 @@ def _thrust(
             return understood
         factor = value * size / curve.impulse
         if not math.isfinite(factor * max(map(abs, curve.thrust))):
-            problems.add(f"{key_path}.{wanted}", "is too large for a curve of almost no duration")
+            problems.add(
+                f"{key_path}.{wanted}",
+                "is too large for a curve of almost no duration: check the times of the file",
+            )
             return understood
         understood.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
     for key in ("time", "fraction"):

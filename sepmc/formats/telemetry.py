@@ -160,7 +160,7 @@ def read_telemetry(
     understood = [f"the library that reads the file warns: {remark}" for remark in remarks]
     for each in mapped:
         if each.column in result:
-            raise FormatError(f"has two channels for the column {each.column}; choose one by a map")
+            raise FormatError(f"has two channels for the column {each.column}; choose one by --map")
         own = _resolve(each, channels)
         raw = channels[own.channel]
         values, unit, is_assumed = _in_unit_of_column(own, raw)
@@ -351,7 +351,7 @@ def _of_table(
     unit = split_header(title, "time")[1]
     factor = UNITS["time"].get(unit or "s")
     if factor is None:
-        raise FormatError(f"column {title}: {unit!r} is no unit of time")
+        raise FormatError(f"column {title}: {unit!r} is no unit of time; known: s, ms, min")
     seconds = columns[title] * factor
     if not np.isfinite(seconds).any():
         raise FormatError(
@@ -504,7 +504,9 @@ def _of_tdms(path: Path, time: str | None) -> dict[str, _Raw]:
             clock_unit = str(vectors[clock].properties.get("unit_string", "")) or "s"
             factor = UNITS["time"].get(split_header(f"time [{clock_unit}]", "time")[1])
             if factor is None:
-                raise FormatError(f"channel {clock}: {clock_unit!r} is no unit of time")
+                raise FormatError(
+                    f"channel {clock}: {clock_unit!r} is no unit of time; known: s, ms, min"
+                )
             seconds = np.asarray(vectors[clock][:], dtype=float) * factor
             channels[title] = _Raw(seconds, values, unit)
     return channels

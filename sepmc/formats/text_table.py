@@ -231,7 +231,7 @@ def _is_number(cell: str) -> bool:
 
 def number(cell: str) -> float:
     """Convert the text of a cell to a number; an exponent may begin with d or D, as Fortran writes
-    it. Raises ValueError if it is none."""
+    it. "nan" and "inf" give NaN and infinity. Raises ValueError for other text."""
     return float(cell.lower().replace("d", "e"))
 
 

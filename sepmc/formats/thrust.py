@@ -260,7 +260,7 @@ def _curve(points: list[tuple[float, float]], places: list[str]) -> ThrustCurve:
             times.append(time)
             thrusts.append(thrust)
     if len(times) < 2:
-        raise FormatError("has fewer than two rows")
+        raise FormatError("has fewer than two rows of time and thrust")
     understood = []
     if negative := sum(thrust < 0.0 for thrust in thrusts):
         understood.append(f"the thrust is negative in {negative} rows, down to {min(thrusts):g} N")

@@ -129,7 +129,8 @@ class _Frame:
 
     @property
     def largest_force(self) -> float:
-        """Magnitude of the largest constraint force, N; 0 without joints between two bodies."""
+        """Magnitude of the largest constraint force in this frame, N; 0 without joints between two
+        bodies."""
         return max((float(np.linalg.norm(f)) for f in self.forces.values()), default=0.0)
 
     def in_view(self, body: str, points: np.ndarray) -> np.ndarray:

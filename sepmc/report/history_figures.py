@@ -92,8 +92,9 @@ def run_figures(
         ``separation_speed_m_s``, ``separation_distance_mm``; per clearance ``c``
         ``{c}_clearance_mm``; per hinge ``{j}_angle_deg`` and ``{j}_angle_rate_deg_s``; per pair of
         bodies ``{b}_from_{a}_distance_m`` and ``{b}_from_{a}_{roll,yaw,pitch}_deg``; per pin ``n``
-        of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase boundary two rows share a time (end
-        of one phase, start of the next), so that a step is drawn as a step.
+        of a joint ``{j}_pin{n}_{mouth,tip}_load_N``; per signal ``signal_{name}``. Forces and
+        moments of a joint are in the axes of its first body. At a phase boundary two rows share a
+        time (end of one phase, start of the next), so that a step is drawn as a step.
     folder : Path
         Created if missing.
     bodies, joints : sequence of str
@@ -107,7 +108,7 @@ def run_figures(
     only : collection of str, optional
         Names, without suffix, of the only files to draw; all if None.
     required : mapping of outcome to bounds, optional
-        Required bounds; those of clearances are marked.
+        Required bounds; only those of columns ``{c}_clearance_mm`` are marked.
     marks : mapping of name to time in s, optional
         Times of releases and events.
 

@@ -64,7 +64,8 @@ def search_clearance(w, job):
         Position in w of the job: all data of the search, at these offsets from `layout`:
 
         JOB_TIME, JOB_LENGTH : start and length of the step, s
-        JOB_PARTS : position and number of the parts of both outlines (`layout.PART_SIZE`)
+        JOB_PARTS : position in w of the first part, and number of parts, of outline a, then of b;
+        a part has `layout.PART_SIZE` numbers
         JOB_CENTRES : layout points of the centres of mass of bodies a and b
         JOB_PATH : coefficients (JOB_POWERS, PATH) of the powers of the fraction of the step: of the
         vector from a to b (3), and of the attitude quaternions of a and b (4, 4)
@@ -380,13 +381,14 @@ def _note(distance, point, time, w, job):
 
 @routine
 def _search(pair, motion, w, job):
-    """Search the step of a job for a smaller distance of a pair of parts (`_distance`) than the
-    job's result, or for an earlier contact, and update the result. Returns False if the search
-    reached the limit of halvings.
+    """Search the step of a job, whose numbers begin at w[job] (`search_clearance`), for a smaller
+    distance of a pair of parts than the job's result, or for an earlier contact, and update the
+    result. Returns True if the whole step was searched, False if the limit of halvings was reached.
 
-    ``motion`` has the bounds of `_motion`. The step is halved from left to right, depth first. The
-    first of the job's nodes is the left end of the current interval, node ``top`` its right end;
-    the nodes between are the right ends of the intervals that follow.
+    ``pair`` is as in `_distance`; ``motion`` has the bounds of `_motion`. The step is halved from
+    left to right, depth first. The first of the job's nodes is the left end of the current
+    interval, node ``top`` its right end; the nodes between are the right ends of the intervals that
+    follow.
     """
     noinline()
     kind, _, part_a, part_b = pair

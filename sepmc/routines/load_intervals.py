@@ -101,9 +101,10 @@ def next_load_switch(t, m, w, case):
 @routine
 def set_active_loads(middle, m, w, case):
     """Store in the interval data of a case which motors and constant loads act in the interval
-    around the time ``middle``, s, and the line of each thrust profile there.
+    around the time ``middle``, s, and the level and slope of each thrust profile there.
 
-    They are set once for an interval between switches, so that no stage of a step sees a switch.
+    ``case`` is the position in the workspace ``w`` of the numbers of the case, ``m`` the Model. The
+    data are set once for an interval between switches, so that no stage of a step sees a switch.
     """
     noinline()
     for i in range(m.scene.n_motors):
@@ -133,9 +134,9 @@ def set_active_loads(middle, m, w, case):
 
 @routine
 def _set_profile(since, first, rows, work, m, w):
-    """Store the line of a thrust profile that applies ``since`` seconds after ignition, as level
-    and slope in the interval data of the motor at w[work]: fraction of the thrust = level + slope
-    t, t from ignition, s; zero before the first and after the last row.
+    """Store the level and slope of the thrust profile of a motor, ``since`` seconds after ignition,
+    in its interval data at w[work]: fraction of the thrust = level + slope t, t from ignition, s;
+    zero before the first and after the last row.
 
     ``first`` is the position in ``m.numbers`` of the ``rows`` rows (time, fraction) of the profile.
     """

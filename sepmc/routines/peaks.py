@@ -130,8 +130,8 @@ def _height(theta, w, scratch, ends):
 @routine
 def highest(low, high, w, scratch, ends):
     """Return the fraction of the step, between ``low`` and ``high``, at which `_height` has its
-    maximum (arguments as there): Brent's method, parabolas with golden section as a fallback (1973,
-    ch. 5)."""
+    maximum; the other arguments are those of `_height`. Brent's method: parabolas with golden
+    section as a fallback (1973, ch. 5)."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     best = low + golden * (high - low)
     second = third = best

@@ -174,7 +174,7 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     azimuth = wind.pop("azimuth_deg", None)
     used = [(where, table) for where, table in tables if "from_deg" in table]
     if azimuth is not None and not used:
-        reason = "belongs to from_deg: give it, or leave azimuth_deg out"
+        reason = "belongs to from_deg, which is missing: give from_deg, or leave azimuth_deg out"
         problems.add(f"{key_path}.azimuth_deg", reason, azimuth)
     for where, table in used:
         if not _is_number(azimuth):

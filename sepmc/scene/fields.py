@@ -68,7 +68,8 @@ class Field:
 
     @property
     def spellings(self) -> list["Field"]:
-        """This field and, if a table may replace its number, a second field for that table."""
+        """List of this field and, if a table may replace its number, of a second field, whose type
+        is that table."""
         if self.instead is None:
             return [self]
         table = dataclasses.replace(

@@ -9,7 +9,8 @@ from sepmc.wording import setting
 
 
 class FileReader(Protocol):
-    """Function that reads the files which the tables of a campaign name."""
+    """Type of a function that replaces, in the TOML tree of a campaign, each key ``file`` by the
+    keys that it reads from that file."""
 
     def __call__(self, tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
         """Replace each key ``file`` in ``tree``, in place, by keys with the contents of that file;

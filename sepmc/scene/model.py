@@ -275,8 +275,8 @@ class Spring(_Table, frozen=True, kw_only=True):
 
 
 class Servo(_Table, frozen=True, kw_only=True):
-    """Second-order response of a signal to the value of its formula: natural frequency and damping
-    ratio."""
+    """Second-order response of a signal to the value of its formula: natural frequency, Hz (not
+    rad/s), and damping ratio."""
 
     natural: Annotated[float, Positive, Quantity("frequency")]
     damping: Annotated[float, NotNegative]

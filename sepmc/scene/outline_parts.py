@@ -15,7 +15,8 @@ def selected_numbers(scene: Scene, clearance: Clearance, side: int) -> list[int]
 
 
 def selected_parts(scene: Scene, clearance: Clearance, side: int) -> list[Part]:
-    """Parts whose indices `selected_numbers` returns."""
+    """Parts of a clearance's first (``side`` 0) or second (1) body whose indices `selected_numbers`
+    returns."""
     numbers = selected_numbers(scene, clearance, side)
     return [scene.body[clearance.bodies[side]].outline[number] for number in numbers]
 

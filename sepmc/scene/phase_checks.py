@@ -218,7 +218,8 @@ def _check_only_releases(scene: Scene, problems: Problems) -> None:
                 for kind in kinds
             ):
                 reason = (
-                    f"releases nothing: {name} is {', '.join(dict.fromkeys(kinds))} in the phases"
+                    f"releases nothing: {name} is {', '.join(dict.fromkeys(kinds))} in the phases; "
+                    "must be a kind that constrains less than one of these"
                 )
                 problems.add(f"release.{release.name}.to", reason, release.to)
         if not problems:

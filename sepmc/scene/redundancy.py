@@ -194,8 +194,9 @@ def dependent_rows(
 
 
 def _coefficients(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (6,) of a constraint row for velocity and angular rate of the joint's first
-    body, and those of its second body. The row is the difference of the two: second minus first."""
+    """Coefficients (6,) of a constraint row (type ``code``, as in `sepmc.routines.layout`) for
+    velocity and angular rate of the joint's first body, and those of its second body. The row is
+    the difference of the two: second minus first."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     if at.ROTATION <= code < at.ROD:
         normal = np.cross(axes[(code - at.ROTATION) // 3], axes[(code - at.ROTATION) % 3])

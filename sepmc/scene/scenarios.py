@@ -53,7 +53,7 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
             continue
         name, title, settings = (table.get(key, "") for key in _KEYS)
         if not isinstance(name, str) or not NAME_PATTERN.fullmatch(name) or len(name) > NAME:
-            reason = f"must be a letter followed by letters, digits or _, at most {NAME} of them"
+            reason = f"must be a letter followed by letters, digits or _, at most {NAME} characters"
             problems.add(f"{key_path}.name", reason, name)
             continue
         key_path = f"scenario.{name}"
@@ -66,7 +66,9 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
             if key not in _KEYS:
                 problems.add(f"{key_path}.{key}", "unknown key; known here: " + ", ".join(_KEYS))
         if not isinstance(settings, dict) or not settings:
-            problems.add(f"{key_path}.set", 'must be a table, as { "spring.a.factor" = 0.0 }')
+            problems.add(
+                f"{key_path}.set", 'must be a table with a value, as { "spring.a.factor" = 0.0 }'
+            )
             continue
         for key, value in settings.items():
             if isinstance(value, dict) and "." not in key:  # the keys of a path without quotes

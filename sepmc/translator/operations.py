@@ -168,7 +168,7 @@ def _remainder(f: Any, a: Number, b: Number) -> Number:
 
 def _quotient(f: Any, a: Number, b: Number) -> Number:
     """Add to ``f`` the code of `a // b`, of two integers; return the result, rounded down as in
-    Python."""
+    Python. Raises TypeError for floats."""
     if _numeric_kind(a, b) != INT:
         raise TypeError("// is for whole numbers, not for floats")
     a, b = f.converted(a, INT), f.converted(b, INT)
@@ -251,7 +251,7 @@ def _abs(f: Any, x: Number) -> Number:
 def _extreme(op: ast.cmpop, f: Any, *numbers: Number) -> Number:
     """Add to ``f`` the code of `max(...)` if ``op`` is ``ast.Gt()``, of `min(...)` if ``ast.Lt()``;
     return the result. As in Python, it is the first of equal numbers, and a NaN replaces no number
-    before it."""
+    before it. Raises TypeError for fewer than two numbers."""
 
     if len(numbers) < 2:
         raise TypeError("min and max take two or more numbers, not one number or a tuple")

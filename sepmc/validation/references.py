@@ -450,7 +450,7 @@ def heavy_top(
 def nutation_period(
     axial: float, transverse: float, torque: float, tilt: float, spin: float, precession: float
 ) -> float:
-    """Period, s, of the tilt of the top of `heavy_top`; parameters as there."""
+    """Period, s, of the tilt of the top of `heavy_top`; parameters are those of `heavy_top`."""
     _, _, rate, m1 = _nutation(axial, transverse, torque, tilt, spin, precession)
     return 2.0 * float(ellipkm1(m1)) / rate
 
@@ -477,7 +477,7 @@ def steady_precession(
     axial: float, transverse: float, torque: float, tilt: float, spin: float
 ) -> tuple[float, float]:
     """Slow and fast rate, rad/s, at which the top of `heavy_top` precesses about the upward
-    vertical at a constant tilt; parameters as there.
+    vertical at a constant tilt; parameters are those of `heavy_top`.
 
     They are the roots w of transverse cos(tilt) w^2 - axial spin w + torque = 0. Without spin and
     hanging, they are +-sqrt(torque / (transverse |cos|)): the conical pendulum.

@@ -171,8 +171,9 @@ class BatchHistories:
     def _repair(
         self, way: _Way, samples: np.ndarray, status: np.ndarray, histories: np.ndarray
     ) -> None:
-        """Integrate the rejected cases (negative status) with another kernel or other steps,
-        ``way``, and overwrite their ``status`` (n,) and ``histories`` (n, c, t) in place."""
+        """Integrate the rejected cases (negative status) of ``samples`` (n, d), SI, with another
+        kernel or other steps, ``way``; overwrite their ``status`` (n,) and ``histories`` (n, c, t)
+        in place."""
         rejected = np.flatnonzero(status < 0)
         if len(rejected):
             status[rejected], histories[rejected], _ = self._integrate(way, samples[rejected])

@@ -91,8 +91,8 @@ def read(text: str | bytes) -> BatchSummary:
         return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
         raise InputError(
-            "the summary in the metadata of a shard (Parquet file of a run folder) cannot be read; "
-            "run its cases again"
+            "a Parquet file of cases in the run folder has a summary in its metadata that cannot "
+            "be read, so the run cannot be continued: run it again, into another folder"
         ) from None
 
 

@@ -280,7 +280,7 @@ def _verdict(block: Block, step: float | None) -> np.ndarray:
 
 def _completed(block: Block, step: float | None) -> np.ndarray:
     """Outcomes (m, o), SI, of the m cases of a block that are VALID by `_verdict` and have the
-    status ok; of all VALID cases if none of them is ok."""
+    status ok; of all VALID cases if none of them is ok. ``step`` is as for `_verdict`."""
     is_valid = _verdict(block, step) == VALID
     ended = is_valid & (block.status == Status.OK)
     return np.asarray(block.outcomes[ended if ended.any() else is_valid])
@@ -296,8 +296,8 @@ def _doubtful_errors(
     """Largest relative error (o,) of cases that are valid at the chosen steps but not at steps of
     half the length, by comparison with their values at steps at which they converge.
 
-    ``outcomes`` (n, o) are those at the chosen steps; ``integrate`` is as for `refine_steps`. A
-    case that does not converge has infinite errors.
+    ``outcomes`` (n, o) are those at the chosen steps; the other arguments are as for
+    `refine_steps`. A case that does not converge has infinite errors.
     """
     converged = np.empty_like(outcomes)
 
@@ -313,6 +313,6 @@ def _doubtful_errors(
 
 
 def _worst_cases(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
-    """Indices of the cases with errors (n,) above the ``goal``, largest first, at most `_N_WORST`
-    of them."""
+    """Indices of the cases whose largest relative error (``errors_of_cases``, (n,)) is above the
+    ``goal``, largest error first, at most `_N_WORST` of them."""
     return np.argsort(-errors_of_cases)[: min(_N_WORST, np.count_nonzero(errors_of_cases > goal))]

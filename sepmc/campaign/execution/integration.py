@@ -170,8 +170,8 @@ class Integration:
 
     @property
     def evaluations(self) -> int:
-        """Number of derivative evaluations of a case; if the file gives the step, number of those
-        of one given step in each segment."""
+        """Number of derivative evaluations of a case, summed over the segments; if the file gives
+        the step, that of one given step in each segment."""
         return sum(
             int(steps) * method(name).stages
             for steps, name in zip(self.steps, self.method_names, strict=True)
@@ -207,8 +207,8 @@ class Integration:
 
 
 def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
-    """Indices (segments,) of integration methods, from a name for each segment of a kernel; 0, the
-    most exact method, where the segment lacks the named one."""
+    """Indices (segments,) in ``kernel.methods[segment]`` of the integration method that ``names``
+    gives for each segment; 0, the most exact method, where the segment lacks it."""
     pairs = zip(kernel.methods, names, strict=True)
     return np.array(
         [available.index(name) if name in available else 0 for available, name in pairs],
@@ -475,8 +475,9 @@ def _refine_cases(
 def _reported_errors(
     flight: Integration, change: np.ndarray, is_decisive: np.ndarray
 ) -> np.ndarray:
-    """Error (n,) to report for each case: the largest over its decisive outcomes of `SAFETY` times
-    the ``change`` (n, o) by the last halvings, or of the floor of the error estimate if larger."""
+    """Relative error (n,) to report for n cases: the largest over the decisive outcomes (mask
+    ``is_decisive``, (o,)) of max(`SAFETY` times ``change``, floor of the error estimate);
+    ``change`` (n, o) is the relative change by the last halvings."""
     floor = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
     return np.asarray(np.maximum(SAFETY * change, floor)[:, is_decisive].max(axis=1, initial=0.0))
 

@@ -222,7 +222,8 @@ def _stored_accumulators(
     remaining ones of the wanted cases (``spec``). Raises StoreError as `read_previous` does.
 
     Saved rows of cases that are not in the accumulators are removed. If a saved row is missing or
-    damaged, the state is empty and all cases remain.
+    damaged, the state is empty and all cases remain. Raises StoreError if the accumulators have
+    cases that are not wanted.
     """
     entry = shards.accumulator_entry(folder)
     if not entry:

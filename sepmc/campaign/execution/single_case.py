@@ -182,7 +182,12 @@ def _layout(scene: Scene, contents: Contents) -> ParameterLayout:
 
 class _SingleRun:
     """Integrations of one case by one kernel variant, at more and more steps: in plain Python, or
-    compiled if that takes too long."""
+    compiled if that takes too long.
+
+    ``steps`` (segments,) always are numbers of steps, not their lengths: one for each segment of
+    the kernel, that is a phase or a part of one. If the file gives the step, each is the number of
+    steps that a given step is divided into. o is the number of outcomes.
+    """
 
     def __init__(
         self,
@@ -325,8 +330,9 @@ class _SingleRun:
         return integrate_nominal(self.kernel, self.layout, steps, self.durations, instants)
 
     def _report_forecast(self, lines: float) -> None:
-        """Announce an integration of so many kernel ``lines`` in plain Python if it takes longer
-        than three seconds; compile the kernel instead if they exceed the lines left."""
+        """Announce an integration of a number of kernel ``lines`` in plain Python if it takes
+        longer than three seconds. If the lines exceed those left and compiling is allowed, compile
+        the kernel instead."""
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:
@@ -337,7 +343,7 @@ class _SingleRun:
     def _with_rows(
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
-        """Integrate at ``steps`` (segments,) and return the result with its history and ``notes``.
+        """Integrate with ``steps`` (segments,); return the result with its history and ``notes``.
 
         With a ``forced_status`` the result has that status and NaN outcomes; without one,
         _RejectedError is raised if the kernel rejects the case.
@@ -373,7 +379,8 @@ class _SingleRun:
 
     def _event_times(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End times of segments (segments,), and times (n,) of the changes of joints and ends of
-        strokes within segments, s, as integrated at ``steps`` (segments,)."""
+        strokes within segments, s, as integrated with ``steps`` (segments,). The case is integrated
+        only if that was not done before."""
         if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.layout.scene.run.end_time]), np.empty(0)
         key = steps.tobytes(), self.durations.tobytes()
@@ -382,8 +389,9 @@ class _SingleRun:
         return self.times_by_steps[key]
 
     def _converged_steps(self, ones: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Steps (segments,) at which the case converges, its relative errors (o,) there, and notes
-        (one if it does not converge). ``ones`` (segments,) is an array of ones."""
+        """Numbers of steps (segments,) with which the case converges, its relative errors (o,)
+        there, and notes (one if it does not converge). ``ones`` (segments,) is an array of ones.
+        Raises _RejectedError if the kernel rejects the case, UnknownError as `_compile`."""
         scene = self.layout.scene
         min_steps = max(
             _MIN_STEPS,
@@ -440,11 +448,12 @@ class _SingleRun:
         )
 
     def _try_steps(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
-        """Outcomes (o,), SI, and status of the case at ``steps`` (segments,), integrated by the
-        compiled kernel if they are many.
+        """Integrate the case with ``steps`` (segments,), the number of steps of each segment, by
+        the compiled kernel if they are many; return its outcomes (o,), SI, and its status.
 
-        Raises _RejectedError if they are too many or the case needs another kernel variant,
-        _SpentError if the case may execute no more lines.
+        An integration that reached its end is appended to ``completed``. Raises _RejectedError if
+        the steps are too many or the case needs another kernel variant, UnknownError if the kernel
+        has to be compiled but may not be, _SpentError if the case may execute no more lines.
         """
         if steps.max() > _MAX_STEPS:
             raise _RejectedError(FINER_STEPS)
@@ -462,8 +471,8 @@ class _SingleRun:
         return outcomes, status
 
     def _compile_for(self, steps: float) -> None:
-        """Compile the kernel if ``steps``, the number of steps of a segment, are more than plain
-        Python takes (2,048)."""
+        """Compile the kernel (`_compile`) if ``steps``, the largest number of steps of a segment,
+        is more than plain Python takes (2,048). Raises UnknownError if that is not allowed."""
         if steps > _MAX_PLAIN_STEPS and not self.compiled:
             self._compile()
 

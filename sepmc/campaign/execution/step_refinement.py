@@ -116,11 +116,12 @@ def changes(
     is_decisive: np.ndarray,
 ) -> np.ndarray:
     """Relative changes (n, o) of the outcomes of n cases from one step, ``result`` (n, o), to a
-    shorter one, ``refined`` (n, o); ``scale`` (o,) is as in `errors`.
+    shorter one, ``refined`` (n, o); ``scale`` (o,) is as in `errors`, ``is_decisive`` (o,) the mask
+    of the decisive outcomes.
 
-    The statuses (n,) overrule these: decisive outcomes change by infinity if the status of the case
-    differs, and by 1 if it says at both steps that the step is too long. If it is the same other
-    failure at both steps, all changes are 0.
+    The statuses at the two steps, ``status`` and ``refined_status`` (n,), overrule these: decisive
+    outcomes change by infinity if the status of the case differs, and by 1 if it says at both steps
+    that the step is too long. If it is the same other failure at both steps, all changes are 0.
     """
     table = errors(result, refined, scale)
     table[(status == refined_status) & ~status_in(status, _COMPLETED)] = 0.0

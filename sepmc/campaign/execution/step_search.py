@@ -69,6 +69,9 @@ class Search:
     """Search for the fewest steps of each segment, and its cheapest method, at which a set of cases
     meets a tolerance; `fewest_steps` performs it.
 
+    Steps (segments,) are numbers of steps, one for each segment; ``stage`` is the index of a
+    segment.
+
     Parameters
     ----------
     evaluate : callable

@@ -189,8 +189,8 @@ def _load(
     announce: Log | None,
     timing: dict[str, float] | None,
 ) -> Kernel:
-    """Write the text of the kernel of a specification, and load it, compiled if necessary; add
-    seconds to the values of the keys compile and text of ``timing``."""
+    """Write the text of the kernel of a specification, with or without ``history``, and load it,
+    compiled if necessary; add seconds to the values of the keys compile and text of ``timing``."""
     start, waited = time.perf_counter(), compile_wait_s()
     kernel = load_kernel(written(spec, campaign.scene.solver.method, history), announce)
     waited = compile_wait_s() - waited

@@ -76,7 +76,8 @@ def checksum(content: bytes) -> str:
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a file so that readers see the old or the new content, never a part of it.
 
-    If several processes write it at once, the content is that of one of them. Raises OSError.
+    If several processes write it at once, the content is that of one of them. Raises OSError if it
+    cannot be written.
     """
     if not is_local(path):  # object storage writes atomically
         path.write_bytes(content)
@@ -210,5 +211,5 @@ def read_verified(folder: Path, entry: Entry) -> bytes:
     if size != entry.bytes:
         raise ValueError(f"was changed: it has {size} bytes, and had {entry.bytes}")
     if checksum(content) != entry.sha256:
-        raise ValueError("was changed: its checksum is not that in the ledger")
+        raise ValueError("was changed: its checksum is not the one in checksums.jsonl")
     return content

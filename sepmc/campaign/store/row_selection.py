@@ -63,8 +63,8 @@ class KeepRules:
         return _read(rules, tuple(columns[0].split(",")) if columns else (), "float32" in more)
 
     def columns(self, known: Sequence[Column]) -> list[Column]:
-        """Those columns, of all columns ``known`` of a case table, that are saved: those that match
-        a pattern, and always case number, status and reason."""
+        """Select the columns to save from all columns ``known`` of a case table: those that match
+        a pattern (all without patterns), and always case number, status and reason."""
         return [
             column
             for column in known
@@ -137,8 +137,8 @@ def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
 
 
 def _with_bounds(requirements: Sequence[Requirement]) -> list[Requirement]:
-    """Those of the requirements that have a bound (``at_least`` or ``at_most``), so that cases have
-    a margin and one is the worst."""
+    """Select the requirements that have a bound (``at_least`` or ``at_most``), so that cases have a
+    margin and one case is the worst."""
     return [item for item in requirements if not (item.at_least is None and item.at_most is None)]
 
 

@@ -123,9 +123,11 @@ def _emit_job(
 
 
 def _part_lines(c: Context, i: int, side: int) -> list[str]:
-    """Lines that set, in the field JOB, position and number of outline parts of the first (``side``
-    0) or second (1) body of clearance number ``i``: one line for each run of consecutive parts that
-    the clearance includes."""
+    """Lines of kernel code, one for each run of consecutive outline parts that clearance number
+    ``i`` includes of its first (``side`` 0) or second (1) body.
+
+    A line sets two components of the field JOB: the position in the workspace of the first part of
+    the run, and the number of its parts. One search (``search_lane``) follows each line."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     entry, lines = c.spec.scene.clearance[i], []
     body, offset = entry.bodies[side], at.JOB_PARTS + 2 * side

@@ -65,9 +65,14 @@ def _relative_velocity(s: State, body: str, mean: Any) -> Any:
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``energy_SEGMENT(w, first)``, which updates the field ENERGY from
-    the state Y, J: the largest difference so far between the kinetic energy gained and the work of
-    all loads; the initial energy; the reference for that difference, the largest energy or work so
-    far. The call with ``first`` = 1.0, at the start of a case, sets the initial values."""
+    the state Y, by three numbers, J. They are the largest difference so far between the gain of
+    kinetic energy and the work of all loads; the initial kinetic energy; and the reference of that
+    difference, the largest energy or work so far (at least that of `_AT_REST`).
+
+    Energy and work are about the common mass centre, but see `_mean_speed` if the ground is
+    connected.
+    The call with ``first`` = 1.0, at the start of a case, sets the initial values.
+    """
     docstring = (
         "Largest energy defect (kinetic energy about the mass centre minus its initial value "
         "and the work of all loads) and its reference, into ENERGY;"

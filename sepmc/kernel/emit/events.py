@@ -436,9 +436,13 @@ def emit_event_flags(out: Text, c: Context) -> None:
 
 
 def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Add lines to a scope that set the flag of an event if its condition is met now, and then
+    """Add lines to a scope that set the flag of an event to 1 if its condition is met now, and then
     raise its error indicator to 1 / rate of the condition, since an error of the condition's value
-    causes an error of the event time of error / rate."""
+    causes an error of the event time of error / rate.
+
+    For a kink the mode is set instead (`set_mode`), for an event with a direction the flag of a
+    crossing (`_set_crossing_flag`). For the end of a spring's stroke its time is stored too.
+    """
     name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     if event.quantity == at.AT_KINK:
         set_mode(scope, c, event, segment.name)

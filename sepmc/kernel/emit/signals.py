@@ -238,9 +238,12 @@ class Signals:
         return self._tied(result, [one.value for one in arguments] if undefined else [])
 
     def _sides(self, signal: str, node: Call, by_mode: bool = True) -> tuple[Any, Any]:
-        """Two conditions: that the switching function of the call ``node`` is negative, and that it
-        is positive. With ``by_mode`` they are those of its mode in the present interval, else those
-        of its present value."""
+        """Two conditions: that the switching function of the call ``node`` in the formula of
+        ``signal`` is negative, and that it is positive.
+
+        With ``by_mode`` the mode of the call's kink counts, that is the sign of the function in the
+        present interval; without ``by_mode``, or if the kink has no mode, the function's present
+        value."""
         number = self._kinks.get(Kink(signal, node)) if by_mode else None
         if number is not None:
             mode = self.s.scope.load(mode_field(kink_name(number)))

@@ -81,8 +81,8 @@ class Conditions:
             self.clause_leaves += clause
 
     def _leaf(self, quantity: int, item: str, path: str | None, direction: str = "") -> int:
-        """Append a leaf (arguments as in `Leaf`) of the event that is appended next; return its
-        number."""
+        """Append a leaf (arguments as in `Leaf`) of the event that is appended next; return the
+        index of the leaf in `leaves`."""
         self.leaves.append(Leaf(quantity, item, len(self.events) // 2, path, direction))
         return len(self.leaves) - 1
 

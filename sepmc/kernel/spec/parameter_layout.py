@@ -183,10 +183,11 @@ def is_ground_named(scene: Scene) -> bool:
 def _parameters(
     scene: Scene, order: list[str], conditions: Conditions
 ) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
-    """Lay out the parameters that every case has of its own.
+    """Lay out the blocks of the parameter vector of a case; `_varied` adds what follows the blocks.
 
-    Returns the index of each parameter by path; the parameter vector, still 0 (NaN for points that
-    default to another point), without the extra parameters of `_varied`; and the index of the first
+    ``order`` has the names of the bodies in the order of their blocks (`body_order`). Returns the
+    index of each parameter in the vector, by its path; the vector of these blocks, still without
+    values: 0, but NaN for points that default to another point; and the index of the first
     parameter of each block, by its name in `sepmc.routines.layout.STRUCTURE`.
     """
     sizes = {

@@ -263,8 +263,8 @@ class Scope:
         return self.add("shared", (index,), shape)
 
     def named(self, name: str) -> Expr:
-        """Expression of a constant of the kernel's module, or of an argument of the kernel
-        function, by its name."""
+        """Expression of a number that the kernel's text names: a constant of the kernel's module,
+        or an argument of the kernel function. The name is not checked."""
         return self.add("named", (name,), NUMBER)
 
     def store(self, path: str, value: Any) -> None:

@@ -41,8 +41,8 @@ def conditioned(condition: float) -> Bound:
 
 
 def promised(steps: float) -> Bound:
-    """Bound of the error that a case with status ok may have after a number of steps: 1e-6 a step,
-    the audit bound of ``attitude_drift``."""
+    """Bound of the error that a case with status ok may have after a number of ``steps``: 1e-6 for
+    each step, the audit bound of ``attitude_drift``."""
     return Bound(AUDIT_BOUNDS["attitude_drift"] * steps, f"1e-6 x {steps:.0f} steps (audit)")
 
 
@@ -109,7 +109,7 @@ def judge(
     resolved: bool = False,
 ) -> Stress:
     """Line of `sepmc stress` on the error of a quantity of a nominal run, with the status of the
-    run and its audit columns beyond their bounds."""
+    run and its audit columns beyond their bounds; arguments become fields of `Stress`."""
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 
@@ -137,7 +137,8 @@ def _flag(line: Stress) -> str:
 
 
 def counts(lines: Sequence[Stress]) -> tuple[int, int]:
-    """Number of accurate lines, and of flagged lines."""
+    """Return the number of lines with the verdict "accurate", then that with "flagged"
+    (`Stress.verdict`)."""
     verdicts = [line.verdict for line in lines]
     return verdicts.count(ACCURATE), verdicts.count(FLAGGED)
 

@@ -1,5 +1,5 @@
-"""Scenes of the stresses, as trees: the nested tables of a campaign file, with keys and units as
-there."""
+"""Scenes of the stresses, as trees: the nested tables of a campaign file, with its keys and
+units."""
 
 import copy
 from typing import Any

@@ -15,9 +15,9 @@ MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
 def _sprung(
     stiffness: float, turn: float, damping: float = 0.0, roll: float = 0.0, steps: int = 100
 ) -> Tree:
-    """Tree of two bodies on a slider pushed apart with 1000 N by a spring (N/m, N s/m), rolling at
-    ``roll``, rad/s. It runs ``steps`` steps, in each of which the spring oscillates by ``turn``,
-    rad."""
+    """Tree of two bodies on a slider pushed apart with 1000 N by a spring (``stiffness``, N/m, and
+    ``damping``, N s/m), rolling at ``roll``, rad/s. It runs ``steps`` steps, in each of which the
+    spring oscillates by ``turn``, rad."""
     step = turn / math.sqrt(stiffness / MASS)
     tree = pushed(
         1.0,

@@ -93,7 +93,7 @@ def _oscillator(
 ) -> Tree:
     """Tree of `pushed` with a spring that oscillates the gap between 0 and TOP with a period of 1
     s; the slider is released when the quantity ``where``, a key of ``until``, reaches ``stroke``,
-    m, or 0.1 s before the end time. Times in s."""
+    m, or 0.1 s before the end time ``end``. ``end`` and ``step`` (of the solver) are in s."""
     mass = ref.reduced_mass(3.0, 1.0)
     spring = {"force_N": 0.5 * mass * FREQUENCY**2 * TOP, "stiffness_N_per_m": mass * FREQUENCY**2}
     tree = pushed(stroke, end=end, step=step, spring=spring)
