@@ -95,7 +95,7 @@ def test_parquet(tmp_path):
     table = read_table(file)
     assert list(table.columns) == ["time_s", "n"]
     pq.write_table(pa.table({"time_s": [0.0, np.nan]}), file)
-    with pytest.raises(FormatError, match="row 1, counted from 0: column 'time_s' is no finite number"):
+    with pytest.raises(FormatError, match="row 1, counted from 0: column 'time_s'"):
         read_table(file)
     file.write_bytes(b"PAR1 no such thing")
     with pytest.raises(FormatError, match="cannot be read as Parquet"):
