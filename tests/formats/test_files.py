@@ -479,3 +479,11 @@ def test_titles_of_openrocket():
     table = parse_table(text + "# Event APOGEE, or so, at t=1\n1,2,3\n", gaps=True)
     assert list(table.columns) == ["Time (s)", "Margin ()", "Speed (m/s)"]
     assert_array_equal(table.columns["Speed (m/s)"], [1.0, 3.0])
+
+
+def test_columns_of_a_sounding_are_not_chosen(tmp_path):
+    for text, kind in ((SPC, "SPC"), (WYOMING, "fixed width")):
+        (tmp_path / "s.txt").write_text(text)
+        for read, columns in ((read_air, {"density": "X"}), (read_wind, ["a", "b"])):
+            with pytest.raises(FormatError, match=f"is a sounding of {kind}.* leave out columns ="):
+                read(tmp_path / "s.txt", {"columns": columns})
