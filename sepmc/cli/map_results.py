@@ -98,7 +98,7 @@ def render_map(designs: DesignMap, campaign: Campaign) -> str:
         if lacking := int(np.count_nonzero(designs.open_by_lacking(item))):
             lines.append(
                 f"  at {lacking} of the open designs, cases lack the outcome: as violations they "
-                "would refute it, as unknown cases they do not, and more cases do not help"
+                "would refute it, as unknown cases they do not, and more cases hardly help"
             )
         needed = required_cases(0, item.probability, designs.confidence(item))
         if most < needed:

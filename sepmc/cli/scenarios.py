@@ -49,8 +49,8 @@ def scenarios(
 
     --limits adds limit cases of FILE itself, with outcomes and margins: one input at its low or
     high end and the others nominal, and the worst combinations of ends found. --check does not
-    judge them. limits.csv in the folder is a table for --samples. If FILE has no [[scenario]],
-    --limits runs the limit cases only.
+    judge them, and needs a [[scenario]] beside them. limits.csv in the folder is a table for
+    --samples. If FILE has no [[scenario]], --limits runs the limit cases only.
 
     \b
     Example:

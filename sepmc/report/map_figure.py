@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap
 
 from sepmc.analysis.requirements import FAIL, PASS
 from sepmc.campaign.design_map import DesignMap
-from sepmc.report.style import BLACK, BLUE, BOUND, REQUIRED, make_axes, save, set_title
+from sepmc.report.style import BLACK, BLUE, BOUND, make_axes, save, set_title
 from sepmc.scene.model import Requirement
 
 # colours of verdicts, by the codes of `_codes`
@@ -17,6 +17,7 @@ _COLOURS = ("#bfe3d0", "#eeeeee", "#d8cbe6", "#f6c9b0")
 _PASS, _OPEN, _LACKING, _FAIL = range(len(_COLOURS))
 _LEVELS = (0.001, 0.01, 0.1, 0.5)  # of the probability of a violation
 _FRACTION = "fraction of violating cases, those without the outcome among them"
+_ALLOWED = "allowed fraction"
 _MARKED = 400  # designs up to which each is marked by a dot
 
 
@@ -102,7 +103,7 @@ def _draw_plane(
     ax.set_ylabel(designs.axes[1].key)
     _name_verdicts(ax, designs, requirement)
     ax.plot([], [], color=BLUE, linewidth=0.9, label=_FRACTION)
-    ax.plot([], [], color=BOUND, linewidth=1.8, label="allowed fraction")
+    ax.plot([], [], color=BOUND, linewidth=1.8, label=_ALLOWED)
     _mark_nominal(ax, designs, nominal)
 
 
@@ -119,11 +120,11 @@ def _draw_line(
     _name_verdicts(ax, designs, requirement)
     low, high = (100.0 * designs.grid(f"{name}_{end}")[0] for end in ("low", "high"))
     fractions = 100.0 * designs.grid(f"{name}_violations")[0] / designs.grid("cases")[0]
-    band = f"{100.0 * designs.interval_confidence:.4g} % interval of it, two-sided"
+    band = f"{100.0 * designs.interval_confidence:.4g} % interval of the fraction, two-sided"
     ax.fill_between(x, low, high, color=BLUE, alpha=0.25, linewidth=0, label=band)
     marker = "." if len(x) <= _MARKED else None
     ax.plot(x, fractions, color=BLUE, marker=marker, label=_FRACTION)
-    ax.axhline(100.0 * (1.0 - requirement.probability), color=BOUND, label=REQUIRED)
+    ax.axhline(100.0 * (1.0 - requirement.probability), color=BOUND, label=_ALLOWED)
     ax.set_ylabel("violating cases, %")
     ax.set_xlim(axis.low, axis.high)
     ax.set_ylim(bottom=0.0)

@@ -199,7 +199,7 @@ def test_designs_open_by_cases_without_the_outcome_are_told_apart(tmp_path, monk
     assert f"set: run.end_time_s = {END_S}" in figure.get_suptitle()
     labels = figure.axes[0].get_legend_handles_labels()[1]
     assert "shown, one-sided at 90 %" in labels
-    assert "95 % interval of it, two-sided" in labels
+    assert "95 % interval of the fraction, two-sided" in labels
     assert "open: cases lack the outcome; as violations they would refute it" in labels
     about = pq.read_schema("campaign-map.parquet").metadata
     assert json.loads(about[b"settings"]) == {"run.end_time_s": str(END_S)}
@@ -212,5 +212,7 @@ def test_the_figure_has_the_confidence_of_several_looks(monkeypatch):
     map_figure(designs, campaign().file.requirements[0], "speed", (None,), "table2", Path("x.png"))
     assert "raised to 95 % for 2 looks" in figures[0].get_suptitle()
     labels = figures[0].axes[0].get_legend_handles_labels()[1]
-    assert {"refuted, one-sided at 95 %", "97.5 % interval of it, two-sided"} <= set(labels)
+    assert {"refuted, one-sided at 95 %", "97.5 % interval of the fraction, two-sided"} <= set(
+        labels
+    )
     assert not any("lack the outcome;" in label for label in labels)
