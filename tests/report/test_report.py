@@ -17,6 +17,7 @@ from support.sizing_problem import campaign as pusher
 
 import sepmc
 from sepmc.campaign import run_statistics
+from sepmc.campaign.execution.replay import worst_case
 from sepmc.cli import app
 from sepmc.cli.options import load_run
 from sepmc.cli.report_content import _worst_cases, tables_beside
@@ -355,6 +356,9 @@ def test_verdicts_name_the_first_case_without_the_outcome(pusher_run):
     (verdict,) = run.verdicts
     assert verdict.first_missing == first != verdict.worst_case
     assert verdict_row(verdict, "s")["without"] == first
+    number, text = worst_case(run.summary, load_run(folder), {}, "soon")
+    assert number == verdict.worst_case
+    assert f"(first: case {first}); they count as violations" in text
     cases = _worst_cases(load_run(folder), run)
     assert list(cases) == [verdict.worst_case, first]
 
