@@ -90,7 +90,11 @@ def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
     lines = [
         requirement_sentence(v, unit, population),
         f"{v.violations} of {v.cases} cases violate it, "
-        + (f"{v.allowed} are allowed" if v.allowed >= 0 else "too few cases to show it even without one")
+        + (
+            f"{v.allowed} are allowed"
+            if v.allowed >= 0
+            else "too few cases to show it even without one"
+        )
         + (f"; {render_missing(v)}" if v.missing else ""),
     ]
     if v.verdict == NONE:
