@@ -21,7 +21,7 @@ _ENDINGS_OF = {
     "initial": (".oem", ".xml"),
     "mass": (".urdf", ".xml", ".mjcf"),
 }
-_OPTIONS = ("columns", "engine", "case", "sideslip_deg")
+_OPTIONS = ("columns", "engine", "case", "configuration", "sideslip_deg")
 _OPTIONS_OF = {
     "initial": ("attitude", "epoch", "azimuth_deg"),
     "mass": ("link", "axes", "origin_m"),
