@@ -128,7 +128,7 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
             elif kind == "deck" and path.suffix.lower() == ".dml":
                 from sepmc.formats.daveml import read_daveml  # noqa: PLC0415
 
-                table_read, sentences = read_daveml(path, options)
+                table_read, sentences = read_daveml(path, options, owner)
                 if "interpolation" in table:
                     del table_read["interpolation"]
                 _fill(key_path, table, table_read, problems)
