@@ -8,6 +8,7 @@ import click
 from sepmc.cli.options import check_out_file, overwrite_option
 
 _KINDS = ("motor", "aero", "air", "wind", "initial", "mass")
+_BESIDE = ("convention", "per", "lateral_length", "reference_", "moment_point")
 
 
 @click.command(name="import", short_help="Convert a file of the field to TOML for a campaign.")
@@ -57,6 +58,10 @@ def import_(
         "initial": {"initial": {"trajectory": table}},
     }
     tree = trees[kind]
+    if kind == "aero":  # keys that stand beside the table
+        aero = tree["body"]["body"]["aerodynamics"]
+        for key in [each for each in table if each.startswith(_BESIDE)]:
+            aero[key] = table.pop(key)
     azimuth = table.pop("azimuth_deg", None) if kind == "wind" else None
     if azimuth is not None:
         tree["environment"]["wind"]["azimuth_deg"] = azimuth
