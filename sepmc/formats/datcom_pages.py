@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass, field
 
 from sepmc.formats.text_table import FormatError, number
-from sepmc.scene.messages import shorten
+from sepmc.scene.messages import printable, shorten
 
 # coefficients by their titles, of Digital and of Missile DATCOM
 STATIC = {"CN": "normal", "CA": "axial", "CM": "pitch", "CY": "side", "CLN": "yaw", "CLL": "roll"}
@@ -307,7 +307,7 @@ class _Pages:
         if self.in_heading:
             self.in_heading = "FLIGHT CONDITIONS" not in line
             if self.in_heading and line.strip() and len(self.heading) < 8:
-                self.heading.append(" ".join(line.split()))
+                self.heading.append(printable(" ".join(line.split())))
             elif not self.in_heading:
                 self._end_heading()
         return False
@@ -322,7 +322,7 @@ class _Pages:
     def _end_cards(self) -> None:
         """Begin a case of Digital DATCOM, unless its input cards only change flight conditions."""
         self.in_cards = False
-        names = [match[1] for card in self.cards if (match := _CASE_NAME.match(card))]
+        names = [printable(match[1]) for card in self.cards if (match := _CASE_NAME.match(card))]
         current = self.cases[self.case]
         changed = any(map(_OTHER_VEHICLE.search, self.cards))
         renamed = names not in ([], [current.name])

@@ -5,7 +5,7 @@ import re
 
 from sepmc.formats.text_table import FormatError
 from sepmc.formats.xml_tree import Element
-from sepmc.scene.messages import shorten
+from sepmc.scene.messages import printable, shorten
 
 # standard names of AIAA S-119: column of a deck, and direction in which it is positive
 STANDARD = {
@@ -65,7 +65,7 @@ def sign_of(key: str, element: Element) -> tuple[float, str, bool]:
             f"line {element.line}: {shorten(name)} has axisSystem = {shorten(axes)}: {key} must be "
             "in body axes"
         )
-    text = element.attributes.get("sign", "").strip()
+    text = printable(element.attributes.get("sign", "").strip(), 40)
     of_force, _, of_rate = text.partition("/")
     if sign := _direction(coefficient, of_force):
         if rate:
