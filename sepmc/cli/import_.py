@@ -20,7 +20,8 @@ _BESIDE = ("convention", "per", "lateral_length", "reference_", "moment_point")
     multiple=True,
     metavar="KEY=VALUE",
     help="A key that stands beside file in a campaign, such as engine=C6, case=2 or "
-    "total_impulse_N_s=12.",
+    "total_impulse_N_s=12; of a deck also one that stands beside its table, such as "
+    "convention=datcom.",
 )
 @click.option(
     "--out", type=click.Path(path_type=Path), help="TOML file to write. Default: print the TOML."
