@@ -43,7 +43,7 @@ _NAME_LENGTH = 40  # letters of the name of a case in a message
 
 @dataclass(frozen=True)
 class Value:
-    """Number that a line prints below ``title``, at ``alpha`` in deg; ``per_degree`` tells whether
+    """Number that a line prints below ``title``, at ``alpha`` in deg; ``per_degree`` is true if
     the derivatives of that page are per degree."""
 
     title: str
@@ -97,8 +97,8 @@ class Block:
 
 @dataclass
 class Output:
-    """What one configuration of a case prints: a block for each Mach number and sideslip, its
-    reference quantities with unit, as text, by title, and sentences on what was chosen."""
+    """Values of one configuration of a case: a block for each Mach number and sideslip, its
+    reference quantities with unit, as text, by title, and sentences on the choice."""
 
     blocks: list[Block] = field(default_factory=list)
     references: dict[str, str] = field(default_factory=dict)
@@ -243,13 +243,13 @@ def parse_cases(text: str) -> dict[int, Case]:
     dict of int to Case
     """
     pages = _Pages()
-    for number_, line in enumerate(text.splitlines(), 1):
-        pages.add(number_, line)
+    for line_number, line in enumerate(text.splitlines(), 1):
+        pages.add(line_number, line)
     return {key: each for key, each in pages.cases.items() if each.tables}
 
 
 class _Pages:
-    """Reader of the lines of an output: `add` takes one after the other, ``cases`` has what was
+    """Reader of the lines of an output: `add` takes one after the other, ``cases`` has the tables
     read so far."""
 
     def __init__(self) -> None:
@@ -265,8 +265,8 @@ class _Pages:
         self.in_heading = self.in_cards = self.wants_conditions = self.has_cards = False
         self.length_unit = ""
 
-    def add(self, number_: int, line: str) -> None:
-        """Read a line; ``number_`` is counted from 1."""
+    def add(self, line_number: int, line: str) -> None:
+        """Read a line; ``line_number`` is counted from 1."""
         if self._header(line):
             return
         upper = line.upper()
@@ -286,7 +286,7 @@ class _Pages:
         if not all(_is_value(cell) for cell, _ in cells):
             self.titles = []
         elif not math.isnan(self.mach):
-            self._row(number_, cells)
+            self._row(line_number, cells)
 
     def _header(self, line: str) -> bool:
         """Read a line of input cards or of the heading of a page; returns whether it was one."""
@@ -377,7 +377,7 @@ class _Pages:
                 square = "**2" if name == "REF AREA" and self.length_unit else ""
                 self.references[name] = f"{value} {self.length_unit}{square}".strip()
 
-    def _row(self, number_: int, cells: list[tuple[str, float]]) -> None:
+    def _row(self, line_number: int, cells: list[tuple[str, float]]) -> None:
         """Add the values of a printed line to the table below its titles; ``cells`` are pairs
         (text, middle column). A value belongs to the title nearest above it; blank ones are left
         out."""
@@ -396,7 +396,7 @@ class _Pages:
             )
             if title in _TITLES and cell not in ("NDM", "NA") and "*" not in cell:
                 self.table.values.append(
-                    Value(title, alpha, number(cell), self.per_degree, number_)
+                    Value(title, alpha, number(cell), self.per_degree, line_number)
                 )
 
     def _new_table(self) -> Table:
@@ -422,7 +422,7 @@ class _Pages:
 
 
 def _is_value(cell: str) -> bool:
-    """Whether a cell is a number, or stands for one that is not printed."""
+    """True if a cell is a number, or stands for one that is not printed."""
     if cell in ("NDM", "NA") or set(cell) == {"*"}:
         return True
     try:
