@@ -14,7 +14,7 @@ from sepmc.formats.decks import deck_of
 from sepmc.formats.files import read_files
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError, parse_table
-from sepmc.formats.thrust import parse_eng
+from sepmc.formats.thrust import parse_eng, read_thrust
 from sepmc.physics.atmosphere import us1976
 from sepmc.scene.messages import Problems, SceneError
 
@@ -479,3 +479,16 @@ def test_titles_of_openrocket():
     table = parse_table(text + "# Event APOGEE, or so, at t=1\n1,2,3\n", gaps=True)
     assert list(table.columns) == ["Time (s)", "Margin ()", "Speed (m/s)"]
     assert_array_equal(table.columns["Speed (m/s)"], [1.0, 3.0])
+
+
+def test_a_header_that_says_too_little_is_named_by_columns(tmp_path):
+    """The refusal has the option that reads the file."""
+    path = tmp_path / "t.csv"
+    for header in ("date,thrust", "date,force_of_engine"):
+        path.write_text(header + "\n0,0\n1,5\n")
+        with pytest.raises(FormatError, match=r"columns = \{ .*thrust_N = ") as caught:
+            read_thrust(path, {})
+        name = header.partition(",")[2]
+        assert f'thrust_N = "{name}" }}' in str(caught.value)
+        columns = {"time_s": "date", "thrust_N": name}
+        assert read_thrust(path, {"columns": columns}).thrust == [0.0, 5.0]
