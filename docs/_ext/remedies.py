@@ -32,6 +32,8 @@ OF_NOTES = {
     r"the sampler mixes badly": "two seeds that agree suffice; else more `--cases`, or constants "
     "in place of distributions of parameters in the list *hardly known better*",
     r"is it per degree": 'give the slope per rad, or `per = "deg"` beside it',
+    r"is pushed down: does it point down|pushes this body forward": "change the sign of the "
+    "coefficient, in a file by `columns = { normal = { column = NAME, scale = -1 } }`",
     r"points left here": 'change the sign of `side`, or give `convention = "datcom"`',
     r"statically stable in alpha": "check the signs of `side` and `yaw`, and `moment_point_m`",
     r"is the table transposed": "nest the lists of the table in the order mach, alpha, beta: the "

@@ -90,7 +90,11 @@ def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
     lines = [
         requirement_sentence(v, unit, population),
         f"{v.violations} of {v.cases} cases violate it, "
-        + (f"{v.allowed} may" if v.allowed >= 0 else "too few cases to show it even without one"),
+        + (
+            f"{v.allowed} are allowed"
+            if v.allowed >= 0
+            else "too few cases to show it even without one"
+        ),
     ]
     if v.verdict == NONE:
         lines.insert(1, v.why)

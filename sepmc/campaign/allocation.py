@@ -18,7 +18,7 @@ import pandas as pd
 
 from sepmc.analysis.proportions import paired_interval
 from sepmc.analysis.requirements import PASS, violation_masks
-from sepmc.campaign.judging import checked_requirements, fresh_verdict
+from sepmc.campaign.judging import FreshVerdict, checked_requirements, fresh_verdict
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, Log, SceneError
 
@@ -59,6 +59,8 @@ class Allocation:
         Number of cases and seed of every run of the table; proposals have as many cases.
     verdict_seed : int
         Seed of the run that gave ``verdicts``; ``seed`` if there was none.
+    notes : tuple of str
+        Warnings of that run.
     """
 
     table: pd.DataFrame
@@ -71,6 +73,7 @@ class Allocation:
     cases: int
     seed: int
     verdict_seed: int
+    notes: tuple[str, ...] = ()
 
 
 def scaled_distribution(dispersion: Dispersion, factor: float) -> dict[str, Any]:
@@ -176,20 +179,19 @@ def allocate(
     by_gain = [spreads[k] for k in order]
     table = table.iloc[order].reset_index(drop=True)
     candidates, factor = _candidates(table, by_gain, passes)
-    factors, shown, verdicts, verdict_seed = _propose(
-        campaign, candidates, factor, passes, cases, seed, threads
-    )
+    factors, verdict = _propose(campaign, candidates, factor, passes, cases, seed, threads)
     return Allocation(
         table,
         float(violates.mean()),
         passes,
         {one.parameter.key: factor for one in factors},
         _settings(dict.fromkeys(factors, factor)),
-        shown,
-        verdicts,
+        verdict is not None and verdict.shown,
+        None if verdict is None else verdict.table,
         cases,
         seed,
-        verdict_seed,
+        seed if verdict is None else verdict.seed,
+        () if verdict is None else verdict.notes,
     )
 
 
@@ -230,7 +232,7 @@ def _propose(
     cases: int,
     seed: int,
     threads: int | None,
-) -> tuple[list[Dispersion], bool, pd.DataFrame | None, int]:
+) -> tuple[list[Dispersion], FreshVerdict | None]:
     """Choose how many of the ``candidates`` to scale by ``factor``, by runs with other seeds.
 
     The number is searched by bisection, in at most `MAX_TRIES` runs of ``cases`` cases, each with a
@@ -241,29 +243,26 @@ def _propose(
     -------
     scaled : list of Dispersion
         Scaled inputs of the last run that shows all requirements, or of the last run if none does.
-    shown : bool
-        True if that run shows all requirements.
-    verdicts : DataFrame or None
+    verdict : FreshVerdict or None
         Verdicts of that run; None if the campaign does not pass and has no candidates, as then
         nothing is run.
-    seed : int
-        Seed of that run; ``seed`` if nothing is run.
     """
-    best: tuple[list[Dispersion], bool, pd.DataFrame | None, int] = ([], False, None, seed)
+    best: tuple[list[Dispersion], FreshVerdict | None] = ([], None)
     low, high = (0, len(candidates)) if passes else (1, len(candidates))
     count = len(candidates)  # the first try scales all
     for number in range(1, MAX_TRIES + 1):
         if low > high:
             break
-        if passes and number == MAX_TRIES and not best[1]:
+        if passes and number == MAX_TRIES and not (best[1] and best[1].shown):
             count = 0
         chosen = list(candidates[:count])
         settings = _settings(dict.fromkeys(chosen, factor))
-        shown, verdicts = fresh_verdict(
+        verdict = fresh_verdict(
             campaign, settings, cases, seed + number, MAX_TRIES, threads, _ignore
         )
-        if shown or not best[1]:
-            best = chosen, shown, verdicts, seed + number
+        shown = verdict.shown
+        if shown or best[1] is None or not best[1].shown:
+            best = chosen, verdict
         if shown == passes:  # more may be scaled
             low = count + 1
         else:

@@ -21,9 +21,10 @@ import pandas as pd
 from sepmc.analysis.proportions import allowed_violations, binomial_cdf, raised
 from sepmc.analysis.requirements import margins
 from sepmc.campaign.session import Session
+from sepmc.engine.dispatch import progress_reporter
 from sepmc.scene.design_tables import Variable
 from sepmc.scene.formula import Node, evaluate
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, Log
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Status, is_yes_or_no
 
@@ -37,6 +38,7 @@ _GRID, _ROOTS = 13, 24  # one variable: points of the grid, and steps to the bor
 # one variable: closer looks at the grid, peaks of the margin in each, and designs around a peak
 _ZOOMS, _PEAKS, _CLOSER = 3, 3, 9
 _FINE = 2001  # costs between two neighbours of a point of the grid
+_EVERY_S = 10.0  # between messages on the progress
 _STEPS = 40  # several variables: designs for each, at most, after the first ones
 
 
@@ -112,7 +114,7 @@ class DesignSearch:
     ``fraction`` that the methods take. Designs that were run for one goal are reused for the next.
     ``costs`` are formulas of the variables, ``items`` the requirements, ``cases`` and ``seed``
     those of every design, and ``tries`` the number of verdict runs, for which confidences are
-    raised.
+    raised. ``announce`` receives the number of designs run so far, every ten seconds.
     """
 
     def __init__(
@@ -124,6 +126,7 @@ class DesignSearch:
         cases: int,
         seed: int,
         tries: int,
+        announce: Log | None = None,
     ):
         self.session, self.variables, self.items = session, variables, items
         self.cost_trees, self.cases, self.seed, self.tries = costs, cases, seed, tries
@@ -132,6 +135,7 @@ class DesignSearch:
         self.metrics = [item.metric for item in items if item.metric in outcomes]
         self.scales: dict[str, float] = {}
         self._searched: dict[float, list[pd.DataFrame]] = {}  # by fraction of violations
+        self._report, self._count = progress_reporter(announce, _EVERY_S), 0
 
     def optimum(self, goal: Goal, fraction: float) -> tuple[dict[str, float], pd.DataFrame]:
         """Search for the accepted design with the smallest value of a goal.
@@ -222,8 +226,13 @@ class DesignSearch:
         """Run m designs, given as an array (m, variables), and return their table: values by TOML
         path, costs, and the smallest ``margin`` over the requirements. ``allowed`` has the number
         of accepted violations of each requirement."""
-        columns = list(dict.fromkeys(self.metrics))
-        table = self.session.run_many(designs, self.cases, self.seed, columns or ["error"])
+        columns, before = list(dict.fromkeys(self.metrics)) or ["error"], self._count
+
+        def progress(done: int, _: int) -> None:
+            self._count = before + done
+            self._report(lambda seconds: f"searched {self._count} designs in {seconds:.0f} s")
+
+        table = self.session.run_many(designs, self.cases, self.seed, columns, progress)
         frame = pd.DataFrame(designs, columns=[one.key for one in self.variables])
         frame[self.names] = self.costs(designs)
         margin = np.full(len(designs), np.inf)

@@ -2,6 +2,8 @@
 requirements, checks of them, and confidences raised for the number of runs."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -14,6 +16,29 @@ from sepmc.scene.model import Requirement
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
+
+
+@dataclass(frozen=True)
+class FreshVerdict:
+    """Verdicts of a run with a seed that was not used before.
+
+    Attributes
+    ----------
+    shown : bool
+        True if the run passes every requirement.
+    table : DataFrame
+        Its verdicts (`Result.requirements`), at the raised confidence.
+    seed, cases : int
+        Of the run.
+    notes : tuple of str
+        Warnings of the run.
+    """
+
+    shown: bool
+    table: pd.DataFrame
+    seed: int
+    cases: int
+    notes: tuple[str, ...]
 
 
 def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
@@ -77,11 +102,18 @@ def fresh_verdict(
     tries: int,
     threads: int | None,
     announce: Log | None,
-) -> tuple[bool, pd.DataFrame]:
+    out: Path | None = None,
+) -> FreshVerdict:
     """Run ``cases`` cases of a campaign with some ``settings`` and a ``seed`` that was not used
-    before; return True if its verdicts on all requirements are pass, and the table of verdicts
-    (`Result.requirements`). Their confidence is raised for ``tries`` such runs."""
+    before, and judge its requirements.
+
+    Their confidence is raised for ``tries`` such runs. ``out`` is a run folder, which replaces an
+    earlier one; the run is in memory if it is None."""
     settings = settings | raised_confidence(campaign, tries)
-    run = campaign.with_settings(settings).run(cases, seed, threads, announce=announce)
+    run = campaign.with_settings(settings).run(
+        cases, seed, threads, out, overwrite=True, announce=announce
+    )
     verdicts = run.requirements()
-    return bool((verdicts["verdict"] == PASS).all()), verdicts
+    return FreshVerdict(
+        bool((verdicts["verdict"] == PASS).all()), verdicts, seed, cases, tuple(run.notes)
+    )

@@ -13,6 +13,7 @@ raised, so that the risk of a wrong verdict over all of them is that of the requ
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +29,12 @@ from sepmc.campaign.design_search import (
     accepted_violations,
     design_text,
 )
-from sepmc.campaign.judging import checked_requirements, fresh_verdict, with_requirements
+from sepmc.campaign.judging import (
+    FreshVerdict,
+    checked_requirements,
+    fresh_verdict,
+    with_requirements,
+)
 from sepmc.scene.design_tables import Variable, check_variables, cost_tree, parse_variable
 from sepmc.scene.messages import InputError, Log
 
@@ -48,12 +54,10 @@ class Sizing:
         Chosen design: values of its variables, by TOML path.
     costs : tuple of float
         Cost of the design; several for a design of a trade-off.
-    shown : bool
-        True if the verdict run passes every requirement.
-    verdicts : DataFrame
-        Verdicts of that run, at the raised confidence (`Result.requirements`).
-    seed, cases : int
-        Seed and number of cases of that run.
+    verdict : FreshVerdict
+        Verdicts of the verdict run.
+    search_cases, search_seed : int
+        Number of cases of each design of the search, and their seed.
     searched : DataFrame
         Designs of the last search: values, ``cost`` (``cost_1``, ... of several), and the smallest
         ``margin`` over all requirements, scaled; not negative where the design was accepted.
@@ -65,13 +69,32 @@ class Sizing:
 
     values: dict[str, float]
     costs: tuple[float, ...]
-    shown: bool
-    verdicts: pd.DataFrame
-    seed: int
-    cases: int
+    verdict: FreshVerdict
+    search_cases: int
+    search_seed: int
     searched: pd.DataFrame
     tries: int
     at_ends: tuple[str, ...] = ()
+
+    @property
+    def shown(self) -> bool:
+        """True if the verdict run passes every requirement."""
+        return self.verdict.shown
+
+    @property
+    def verdicts(self) -> pd.DataFrame:
+        """Verdicts of the verdict run, at the raised confidence (`Result.requirements`)."""
+        return self.verdict.table
+
+    @property
+    def seed(self) -> int:
+        """Seed of the verdict run."""
+        return self.verdict.seed
+
+    @property
+    def cases(self) -> int:
+        """Number of cases of the verdict run."""
+        return self.verdict.cases
 
     @property
     def cost(self) -> float:
@@ -88,6 +111,7 @@ def size(
     threads: int | None = None,
     announce: Log | None = None,
     subject_to: Sequence[str] = (),
+    out: Path | None = None,
 ) -> Sizing:
     """Find the design with the smallest cost that passes all requirements with confidence.
 
@@ -108,6 +132,8 @@ def size(
         Called with messages on the progress.
     subject_to : sequence of str
         Names of the requirements to pass; all if empty.
+    out : Path, optional
+        Run folder for the verdict run; in memory if None.
 
     Returns
     -------
@@ -131,7 +157,7 @@ def size(
     campaign, search = start_search(
         campaign, variables, [minimise], cases, seed, MAX_TRIES, threads, announce, subject_to
     )
-    return shown_design(campaign, search, Goal.weighted([1.0]), MAX_TRIES, threads, announce)
+    return shown_design(campaign, search, Goal.weighted([1.0]), MAX_TRIES, threads, announce, out)
 
 
 def start_search(
@@ -168,7 +194,7 @@ def start_search(
     seed = campaign.checked_seed(seed)
     vary = {one.key: (one.low, one.high) for one in variables}
     session = campaign.session(vary, threads, announce)
-    return campaign, DesignSearch(session, variables, trees, items, cases, seed, tries)
+    return campaign, DesignSearch(session, variables, trees, items, cases, seed, tries, announce)
 
 
 def shown_design(
@@ -178,13 +204,15 @@ def shown_design(
     tries: int,
     threads: int | None,
     announce: Log | None,
+    out: Path | None = None,
 ) -> Sizing:
     """Search for the design with the smallest value of ``goal``, and run it with a new seed for the
     verdict. Repeat with a larger margin until a design passes every requirement, at most
     `MAX_TRIES` times.
 
     Returns the last design, whether it passes or not. ``tries`` is the number of verdict runs for
-    which confidences are raised. Raises InputError if the search accepts no design.
+    which confidences are raised; ``out`` is the run folder of the last one, or None. Raises
+    InputError if the search accepts no design.
     """
     count, fraction = VERDICT_CASES * search.cases, 1.0
     for number in range(1, MAX_TRIES + 1):
@@ -194,9 +222,10 @@ def shown_design(
                 f"search {number}: {design_text(best)}; running it with a new seed for the verdict "
                 "..."
             )
-        seed = search.seed + number
-        shown, verdicts = fresh_verdict(campaign, dict(best), count, seed, tries, threads, announce)
-        if shown or number == MAX_TRIES:
+        verdict = fresh_verdict(
+            campaign, dict(best), count, search.seed + number, tries, threads, announce, out
+        )
+        if verdict.shown or number == MAX_TRIES:
             break
         fraction *= _STEP
     costs = search.costs(np.array([list(best.values())]))[0]
@@ -206,7 +235,14 @@ def shown_design(
         if min(best[v.key] - v.low, v.high - best[v.key]) <= TOLERANCE * (v.high - v.low)
     )
     return Sizing(
-        best, tuple(map(float, costs)), shown, verdicts, seed, count, searched, number, at_ends
+        best,
+        tuple(map(float, costs)),
+        verdict,
+        search.cases,
+        search.seed,
+        searched,
+        number,
+        at_ends,
     )
 
 

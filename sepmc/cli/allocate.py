@@ -59,7 +59,7 @@ def allocate(
     from sepmc.campaign.store import folders
     from sepmc.cli.allocation_results import render_allocation
     from sepmc.cli.progress import progress_bar
-    from sepmc.cli.render import logger, show
+    from sepmc.cli.render import logger, show, warn
 
     campaign = load_campaign(file, settings)
     path = out or Path(f"{campaign.name}-allocation.csv")
@@ -74,6 +74,7 @@ def allocate(
 
         allocation = allocate_spreads(campaign, cases, seed, threads, log, progress)
     folders.write_text(path, allocation.table.to_csv(index=False))
+    warn(*allocation.notes)
     if not quiet:
         show(render_allocation(allocation, file, settings))
     log(f"wrote {path}")

@@ -1,5 +1,6 @@
 """`sepmc check`: validate a file and describe its scene and kernel."""
 
+import shlex
 import warnings
 from itertools import islice
 from textwrap import fill
@@ -53,7 +54,10 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
     if no_flight or _check_nominal(campaign, warnings_shown):
         click.echo("can be run")
     else:
-        click.echo("can be read; whether it runs is not known")
+        click.echo(
+            "can be read; whether it runs is not known, as a check may only do little work: "
+            f"sepmc run {shlex.quote(file)} compiles it and runs the nominal case in full"
+        )
 
 
 def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:

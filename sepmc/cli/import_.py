@@ -8,6 +8,7 @@ import click
 from sepmc.cli.options import check_out_file, overwrite_option
 
 _KINDS = ("motor", "aero", "air", "wind", "initial", "mass")
+_BESIDE = ("convention", "per", "lateral_length", "reference_", "moment_point")
 
 
 @click.command(name="import", short_help="Convert a file of the field to TOML for a campaign.")
@@ -19,7 +20,8 @@ _KINDS = ("motor", "aero", "air", "wind", "initial", "mass")
     multiple=True,
     metavar="KEY=VALUE",
     help="A key that stands beside file in a campaign, such as engine=C6, case=2 or "
-    "total_impulse_N_s=12.",
+    "total_impulse_N_s=12; of a deck also one that stands beside its table, such as "
+    "convention=datcom.",
 )
 @click.option(
     "--out", type=click.Path(path_type=Path), help="TOML file to write. Default: print the TOML."
@@ -57,6 +59,10 @@ def import_(
         "initial": {"initial": {"trajectory": table}},
     }
     tree = trees[kind]
+    if kind == "aero":  # keys that stand beside the table
+        aero = tree["body"]["body"]["aerodynamics"]
+        for key in [each for each in table if each.startswith(_BESIDE)]:
+            aero[key] = table.pop(key)
     azimuth = table.pop("azimuth_deg", None) if kind == "wind" else None
     if azimuth is not None:
         tree["environment"]["wind"]["azimuth_deg"] = azimuth

@@ -1,5 +1,6 @@
 """Content of the report of a run: statistics, figures and replays, gathered for the page."""
 
+import json
 import math
 import shlex
 from collections.abc import Sequence
@@ -20,10 +21,11 @@ from sepmc.analysis.statistics_text import (
 )
 from sepmc.campaign import run_statistics
 from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.design_search import design_text
 from sepmc.campaign.label import of_settings
 from sepmc.campaign.limit_cases import WORST
 from sepmc.campaign.run_statistics import RunStatistics
-from sepmc.campaign.store import manifests
+from sepmc.campaign.store import folders, manifests
 from sepmc.campaign.store.shards import CaseColumns
 from sepmc.cli.figures import (
     clearance_bounds,
@@ -174,8 +176,42 @@ def _content(
         campaign=campaign.file.toml,
         run=shlex.quote(str(folder)),
         driver_notes=drivers.notes(),
-        beside=tables_beside(folder),
+        beside=[*sizing_table(folder), *tables_beside(folder)],
     )
+
+
+def sizing_table(folder: Path) -> list[page.PlainTable]:
+    """Return the section on the sizing that a run is the verdict of, a table of the designs
+    searched that are nearest to the chosen one; empty for any other run."""
+    if not manifests.is_recorded(folder, folders.SIZING):
+        return []
+    sizing = json.loads((folder / folders.SIZING).read_text(encoding="utf-8"))
+    search, verdict = sizing["search"], sizing["verdict"]
+    ranges = ", ".join(
+        f"{name} = {one['key']} from {one['low']:g} to {one['high']:g}"
+        for name, one in sizing["vary"].items()
+    )
+    rejected = design_text(sizing["nearest_not_accepted"] or {})
+    ends = ", ".join(sizing["at_ends"])
+    sentences = [
+        f"Smallest {sizing['minimise']} over {ranges}, subject to "
+        f"{', '.join(sizing['subject_to'])}: {design_text(sizing['design'])}.",
+        f"The search accepted {search['accepted']} of {search['designs']} designs, by "
+        f"{search['cases']:,} cases of seed {search['seed']} each, the same random numbers for "
+        "all. A design is accepted if its margin is not below 0: that of the worst case in units "
+        "of the spread of all cases, after as many violations as are accepted; it is empty if too "
+        "many cases lack the outcome.",
+        f"The nearest design that it did not accept: {rejected}." if rejected else "",
+        f"At an end of its range, which decided it: {ends}." if ends else "",
+        f"The verdicts above are those of this run, {verdict['cases']:,} cases of seed "
+        f"{verdict['seed']}, none of which was used to choose the design; their confidence is "
+        f"raised for up to {verdict['confidence_raised_for_runs']} such runs"
+        f"{'' if verdict['shown'] else '; not every requirement is shown'}.",
+    ]
+    rows = sorted(search["nearest"], key=lambda row: row["cost"])
+    head = list(rows[0])
+    cells = [["" if row[name] is None else f"{row[name]:.6g}" for name in head] for row in rows]
+    return [page.PlainTable("Sizing", " ".join(filter(None, sentences)), head, cells)]
 
 
 def tables_beside(folder: Path) -> list[page.PlainTable]:

@@ -55,6 +55,13 @@ _CASES = 2000
 @SETTINGS
 @THREADS
 @out_file_option("NAME-size.csv, the designs of the search", "CSV")
+@click.option(
+    "--run",
+    "run_folder",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Store the run for the verdict in DIR; sepmc report DIR then shows the sizing too.",
+)
 @NO_PLOTS
 @CHECK
 @overwrite_option("the files of the sizing in --out")
@@ -69,6 +76,7 @@ def size(
     settings: tuple[str, ...],
     threads: int | None,
     out: Path | None,
+    run_folder: Path | None,
     no_plots: bool,
     must_pass: bool,
     overwrite: bool,
@@ -76,6 +84,9 @@ def size(
 ) -> None:
     """Find the design with the smallest cost that passes all requirements of FILE, and judge it by
     a run with another seed than that of the search.
+
+    The design, the search and the verdict are recorded in a JSON file of the same name as the table
+    of the search.
 
     Several costs give a few designs of which none is better than another one in every cost (a
     front), each judged in this way; a table and a figure of them are written beside --out.
@@ -85,14 +96,22 @@ def size(
 
     \b
     Example:
-      sepmc size rocket.toml --vary 'push=spring.*.force_N=1500:4000' --minimise '2 * push'
+      sepmc size rocket.toml --vary 'push=spring.*.force_N=1500:4000' --minimise '2 * push' \
+          --run sized
+      sepmc report sized
     """
     from sepmc.campaign.sizing import parse_variable
     from sepmc.campaign.sizing import size as find_size
-    from sepmc.campaign.store import folders
+    from sepmc.campaign.store import folders, manifests
     from sepmc.campaign.trade_off import trade_off
-    from sepmc.cli.render import logger, show
-    from sepmc.cli.size_results import render_sizing, render_trade_off, write_trade_off
+    from sepmc.cli.render import logger, show, warn
+    from sepmc.cli.size_results import (
+        render_sizing,
+        render_trade_off,
+        repeat_command,
+        sizing_record,
+        write_trade_off,
+    )
     from sepmc.scene.messages import InputError
 
     parsed = tuple(parse_variable(text) for text in variables)
@@ -107,12 +126,28 @@ def size(
     check_out_file(path, (".csv",), overwrite)
     log, cases = logger(quiet), cases or _CASES
     if len(minimise) == 1:
-        sizing = find_size(campaign, parsed, minimise[0], cases, seed, threads, log, subject_to)
+        record = path.with_suffix(".json")
+        check_out_file(record, (), overwrite)
+        if run_folder is not None:
+            folders.check_folder(run_folder, overwrite, False)
+        sizing = find_size(
+            campaign, parsed, minimise[0], cases, seed, threads, log, subject_to, run_folder
+        )
+        command = repeat_command(sizing, file, settings, campaign.file.tree)
+        content = sizing_record(sizing, campaign, parsed, minimise[0], subject_to, command)
         folders.write_text(path, sizing.searched.to_csv(index=False))
+        folders.write_json(record, content)
+        warn(*sizing.verdict.notes)
         if not quiet:
-            show(render_sizing(sizing, minimise[0], file, settings, campaign.file.tree))
-        log(f"wrote {path}")
+            show(render_sizing(sizing, minimise[0], command))
+        log(f"wrote {path}, {record}")
+        if run_folder is not None:
+            folders.write_json(run_folder / folders.SIZING, content)
+            manifests.record_derived(run_folder, [run_folder / folders.SIZING])
+            log(f"wrote {run_folder}, the run for the verdict")
         sys.exit(int(must_pass and not sizing.shown))
+    if run_folder is not None:
+        raise InputError("--run: the front of several costs has a run for each of its designs")
     table, image = (path.with_name(f"{path.stem}-front{end}") for end in (".parquet", ".png"))
     for each in [table] if no_plots else [table, image]:
         check_out_file(each, (), overwrite)

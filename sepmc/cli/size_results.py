@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sepmc import __version__
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.design_search import cost_names
@@ -20,21 +22,107 @@ from sepmc.text_table import text_table
 if TYPE_CHECKING:
     import pandas as pd
 
+_NEAREST = 12  # designs of the search that a record keeps
 
-def render_sizing(
-    sizing: Sizing, minimise: str, file: str, settings: Sequence[str], tree: dict[str, Any]
-) -> str:
+
+def repeat_command(sizing: Sizing, file: str, settings: Sequence[str], tree: dict[str, Any]) -> str:
+    """Return the command that repeats the run for the verdict of a sizing; ``settings`` are the
+    texts PATH=VALUE of the command line, and ``tree`` is the TOML tree of the campaign."""
+    changed = [
+        *other_settings(settings, sizing.values, tree),
+        *(f"{key}={value:.17g}" for key, value in sizing.values.items()),
+    ]
+    words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
+    return shlex.join([*words, "--cases", str(sizing.cases), "--seed", str(sizing.seed)])
+
+
+def sizing_record(
+    sizing: Sizing,
+    campaign: Campaign,
+    variables: Sequence[Variable],
+    minimise: str,
+    subject_to: Sequence[str],
+    command: str,
+) -> dict[str, Any]:
+    """Return all that a reviewer needs of a sizing as JSON data: what was varied and minimised, the
+    search and the designs in it that are nearest to the chosen one, and the verdict.
+
+    Parameters
+    ----------
+    sizing : Sizing
+    campaign : Campaign
+        With the values of the file.
+    variables : sequence of Variable
+    minimise : str
+        Formula of the cost.
+    subject_to : sequence of str
+        Names of the requirements; empty for all.
+    command : str
+        From `repeat_command`.
+
+    Returns
+    -------
+    dict
+    """
+    searched = sizing.searched.drop_duplicates([one.key for one in variables])
+    nearest = (searched["cost"] - sizing.cost).abs().sort_values(kind="stable").index[:_NEAREST]
+    return {
+        "campaign": campaign.name,
+        "digest": campaign.digest,
+        "settings": campaign.settings,
+        "sepmc": __version__,
+        "minimise": minimise,
+        "vary": {one.name: {"key": one.key, "low": one.low, "high": one.high} for one in variables},
+        "subject_to": list(subject_to) or [item.name for item in campaign.file.requirements],
+        "design": sizing.values,
+        "cost": sizing.cost,
+        "at_ends": list(sizing.at_ends),
+        "nearest_not_accepted": _not_accepted(sizing),
+        "search": {
+            "cases": sizing.search_cases,
+            "seed": sizing.search_seed,
+            "searches": sizing.tries,
+            "designs": len(searched),
+            "accepted": int((searched["margin"] >= 0.0).sum()),
+            "nearest": searched.loc[nearest].to_dict("records"),
+        },
+        "verdict": {
+            "shown": sizing.shown,
+            "cases": sizing.cases,
+            "seed": sizing.seed,
+            "confidence_raised_for_runs": MAX_TRIES,
+            "requirements": sizing.verdicts.to_dict("index"),
+            "warnings": list(sizing.verdict.notes),
+        },
+        "command": command,
+    }
+
+
+def _not_accepted(sizing: Sizing) -> dict[str, float] | None:
+    """Return the design, values by TOML path, that is nearest to the chosen one among those that
+    the search did not accept; None with several variables, or if there is none."""
+    rejected = sizing.searched[sizing.searched["margin"] < 0.0]
+    if len(sizing.values) > 1 or rejected.empty:
+        return None
+    ((key, value),) = sizing.values.items()
+    values = rejected[key].to_numpy(float)
+    return {key: float(values[np.abs(values - value).argmin()])}
+
+
+def render_sizing(sizing: Sizing, minimise: str, command: str) -> str:
     """Return a sizing as text: the chosen design, its cost, the verdicts of its run with another
-    seed, and the command that repeats that run.
-
-    ``minimise`` is the formula of the cost, ``settings`` are the texts PATH=VALUE of the command
-    line, and ``tree`` is the TOML tree of the campaign."""
+    seed, and the ``command`` that repeats that run. ``minimise`` is the formula of the cost."""
     lines = [f"{key} = {value:.6g}" for key, value in sizing.values.items()]
     accepted = int((sizing.searched["margin"] >= 0.0).sum())
     lines.append(
         f"{minimise} = {sizing.cost:.6g}, the smallest of {accepted} accepted designs, "
-        f"of {len(sizing.searched)} searched"
+        f"of {len(sizing.searched)} searched with {sizing.search_cases} cases of seed "
+        f"{sizing.search_seed}"
     )
+    lines += [
+        f"{key} = {value:.6g}, the nearest design searched, is not accepted"
+        for key, value in (_not_accepted(sizing) or {}).items()
+    ]
     lines += [
         f"{key} is at an end of its range: a wider range may be better" for key in sizing.at_ends
     ]
@@ -45,13 +133,7 @@ def render_sizing(
     )
     if not sizing.shown:
         lines.append(f"requirements not shown after {sizing.tries} searches: give more --cases")
-    changed = [
-        *other_settings(settings, sizing.values, tree),
-        *(f"{key}={value:.17g}" for key, value in sizing.values.items()),
-    ]
-    words = ["sepmc", "campaign", file, *(word for one in changed for word in ("--set", one))]
-    words += ["--cases", str(sizing.cases), "--seed", str(sizing.seed)]
-    lines.append(f"the same cases again: {shlex.join(words)}")
+    lines.append(f"the same cases again: {command}")
     return "\n".join(lines)
 
 

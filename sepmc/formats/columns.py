@@ -171,6 +171,12 @@ class Columns:
         values = scale * self.table.columns[title]
         if not quantity.kind:
             return values
+        if not (unit or default):
+            stem, units = split_header(title, quantity.kind)[0], list(UNITS[quantity.kind])
+            raise FormatError(
+                f"column {shorten(title)}: has no unit; name it as {stem}_{units[0]}, or give "
+                f'columns = {{ {name}_{units[0]} = "{title}" }}; units: {", ".join(units)}'
+            )
         return values_in_si(values, title, unit or default, quantity.kind)
 
 

@@ -7,62 +7,29 @@ lateral length, and derivatives by reduced rates such as q L / (2 V).
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sepmc.formats.datcom_pages import (
+    BY_ALPHA_RATE,
+    BY_BETA,
+    BY_RATE,
+    STATIC,
+    Block,
+    Output,
+    choose_case,
+    choose_output,
+    parse_cases,
+)
 from sepmc.formats.text_table import FormatError, number, read_text
-from sepmc.scene.messages import shorten
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
 from sepmc.scene.units import UNITS, split_unit
 
-# coefficients by their titles, of Digital and of Missile DATCOM
-_STATIC = {"CN": "normal", "CA": "axial", "CM": "pitch", "CY": "side", "CLN": "yaw", "CLL": "roll"}
-_BY_BETA = {"CYB": "side", "CNB": "yaw", "CLNB": "yaw", "CLB": "roll", "CLLB": "roll"}
-_BY_RATE = {
-    "CNQ": "normal_q", "CLQ": "normal_q", "CMQ": "pitch_q", "CAQ": "axial_q", "CYP": "side_p",
-    "CYR": "side_r", "CLLP": "roll_p", "CLP": "roll_p", "CLLR": "roll_r", "CLR": "roll_r",
-    "CLNP": "yaw_p", "CNP": "yaw_p", "CLNR": "yaw_r", "CNR": "yaw_r",
-}  # fmt: skip
-_OTHERS = frozenset(["ALPHA", "CD", "CL", "XCP", "CLA", "CMA", "CNA", "X-C.P.", "CL/CD", "CNAD",
-                     "CMAD", "CLAD", "CAAD"])  # fmt: skip
-_TITLES = {**_STATIC, **_BY_BETA, **_BY_RATE}
-_TOKEN = re.compile(r"\S+")
-_DIGITAL = re.compile(r"^\S?\s*(\.\d+|\d+\.\d*)\s+")
-_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d{1,3})?(?![\d.])"
-_MACH = re.compile(rf"MACH NO\s*=\s*({_NUMBER})")
-_BETA = re.compile(rf"SIDESLIP\s*=\s*(-?{_NUMBER})")
-_REFERENCE = re.compile(
-    rf"(REF AREA|LAT REF LENGTH|REF LENGTH|MOMENT CENTER)\s*=\s*(-?{_NUMBER})\s*(\S+)?"
-)
-# of the last columns, below REFERENCE DIMENSIONS; pressures are per area before it
-_AREA_UNIT = re.compile(r"(?<!/)\b(FT|IN|CM|M)\*\*2\s+\1\b")
-_CASE = re.compile(r"CASE\s+(\d+)\s*$")
 _SIDESLIP = 30.0  # deg, to which slopes by beta are continued
-
-
-@dataclass
-class _Block:
-    """Values that a case prints for one Mach number and one sideslip (``beta``, deg):
-    ``values[title][alpha]`` at alpha in deg. ``per_degree`` has the titles whose values are slopes
-    per degree."""
-
-    mach: float
-    beta: float
-    values: dict[str, dict[float, float]] = field(default_factory=dict)
-    per_degree: set[str] = field(default_factory=set)
-
-
-@dataclass
-class _Output:
-    """What one case prints: a block for each Mach number and sideslip, and its reference quantities
-    with unit, as text, by title."""
-
-    blocks: list[_Block] = field(default_factory=list)
-    references: dict[str, str] = field(default_factory=dict)
 
 
 def is_datcom(path: Path) -> bool:
@@ -154,7 +121,7 @@ class _Reference:
     rounding: float = 0.0
 
 
-def _references(text: str, output: _Output) -> dict[str, _Reference]:
+def _references(text: str, output: Output) -> dict[str, _Reference]:
     """Reference quantities of a case, in m2 and m, by name: "sref", "lref", "latref"; one that the
     file does not have is left out.
 
@@ -174,6 +141,8 @@ def _references(text: str, output: _Output) -> dict[str, _Reference]:
         try:
             printed = Decimal(digits)
         except InvalidOperation:
+            if title in output.references:  # such as NA: cards are those of another case
+                references.pop(name, None)
             continue
         if not printed.is_finite() or not 0.0 < float(printed) < 1e30:
             continue
@@ -191,7 +160,7 @@ def _metres_per_unit(text: str) -> float:
     return _METRES[dim[1].upper() if dim else "FT"]
 
 
-def _moment_point(text: str, output: _Output, aero: dict[str, Any]) -> list[str]:
+def _moment_point(text: str, output: Output, aero: dict[str, Any]) -> list[str]:
     """Return a sentence if the moment centre that a case prints and ``moment_point`` of the
     aerodynamics differ, or there is no ``moment_point``; else none. Their stations may begin at
     different points, so this is no error."""
@@ -264,6 +233,8 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     text : str
     options : dict
         ``case``: number, from 1, of the case to read, needed if there are several.
+        ``configuration``: part of the configuration or conditions of the tables to read (default:
+        the last configuration of the case).
         ``sideslip_deg``: sideslip up to which slopes by beta are extended as lines (default 30).
 
     Returns
@@ -283,126 +254,31 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     return _table(output, sideslip)
 
 
-def _chosen(text: str, options: dict[str, Any]) -> tuple[_Output, float]:
+def _chosen(text: str, options: dict[str, Any]) -> tuple[Output, float]:
     """Output of the case that ``options`` choose, and the sideslip, deg, up to which slopes by beta
     are extended. Raises FormatError if an option is missing or not valid."""
-    cases = _cases(text)
-    if not cases:
-        raise FormatError("has no table of coefficients over ALPHA, as DATCOM prints them")
-    wanted = options.get("case")
-    if wanted is None and len(cases) > 1:
-        raise FormatError(
-            f"has {len(cases)} cases; choose one by case = NUMBER, of "
-            + ", ".join(f"{key}" for key in list(cases)[:20])
-        )
-    if wanted is not None and wanted not in cases:
-        raise FormatError(f"has no case {shorten(wanted)}; known: {', '.join(map(str, cases))}")
+    case = choose_case(parse_cases(text), options.get("case"))
+    output = choose_output(case, options.get("configuration"))
     sideslip = options.get("sideslip_deg", _SIDESLIP)
     if not (isinstance(sideslip, int | float) and 0.0 < sideslip < 90.0):
         raise FormatError("sideslip_deg must be an angle above 0, below 90")
-    return cases[wanted if wanted is not None else next(iter(cases))], float(sideslip)
+    return output, float(sideslip)
 
 
-def _cases(text: str) -> dict[int, _Output]:
-    """Parse a text to the outputs of its cases by number; cases without coefficients are left
-    out."""
-    cases: dict[int, _Output] = {}
-    case, mach, beta, per_degree = 1, math.nan, 0.0, False
-    titles: list[tuple[str, float]] = []
-    wants_conditions, length_unit = False, ""
-    for line in text.splitlines():
-        if (match := _CASE.search(line)) and ("DATCOM" in line or line.startswith("1")):
-            case = int(match[1])
-        upper = line.upper()
-        if "PER DEGREE" in upper or "PER RADIAN" in upper:
-            per_degree = "PER DEGREE" in upper
-        if match := _MACH.search(line):
-            mach, titles = float(match[1]), []
-        if match := _BETA.search(line):
-            beta = float(match[1])
-        output = cases.setdefault(case, _Output())
-        for match in _REFERENCE.finditer(line):
-            output.references[match[1]] = f"{match[2]} {match[3] or ''}".strip()
-        if "REFERENCE DIMENSIONS" in upper:  # of Digital DATCOM
-            wants_conditions, beta, titles = True, 0.0, []
-        elif wants_conditions and (match := _AREA_UNIT.search(line)):
-            length_unit = match[1]
-        elif wants_conditions and line.startswith("0") and (match := _DIGITAL.match(line[1:])):
-            mach, wants_conditions = float(match[1]), False
-            _digital_references(output, line, length_unit)
-        cells = [(m[0], (m.start() + m.end()) / 2) for m in _TOKEN.finditer(line)]
-        words = [cell for cell, _ in cells if cell != "0"]
-        if words and words[0] == "ALPHA":
-            titles = [cell for cell in cells if cell[0] != "0"]
-            if not all(word in _TITLES or word in _OTHERS for word in words):
-                titles = []
-            continue
-        if not titles or not cells or words == []:
-            continue
-        if not all(_is_value(cell) for cell, _ in cells):
-            titles = []
-            continue
-        if not math.isnan(mach):
-            _add_row(output, mach, beta, titles, cells, per_degree)
-    return {key: each for key, each in cases.items() if any(b.values for b in each.blocks)}
-
-
-def _is_value(cell: str) -> bool:
-    if cell in ("NDM", "NA") or set(cell) == {"*"}:
-        return True
-    try:
-        return math.isfinite(number(cell))
-    except ValueError:
-        return False
-
-
-def _add_row(
-    output: _Output,
-    mach: float,
-    beta: float,
-    titles: list[tuple[str, float]],
-    cells: list[tuple[str, float]],
-    per_degree: bool,
-) -> None:
-    """Add the values of a printed line to the block of its Mach number and sideslip, which is
-    created if needed; ``titles`` and ``cells`` are pairs (text, middle column). A value belongs to
-    the title nearest above it; blank ones are left out."""
-    block = next((b for b in output.blocks if b.mach == mach and b.beta == beta), None)
-    if block is None:
-        block = _Block(mach, beta)
-        output.blocks.append(block)
-    if cells[0][0] in ("NDM", "NA") or "*" in cells[0][0]:
-        return
-    alpha = number(cells[0][0])
-    aligned = len(cells) == len(titles)
-    for k, (cell, middle) in enumerate(cells[1:], 1):
-        title = titles[k][0] if aligned else min(titles, key=lambda t: abs(t[1] - middle))[0]
-        if title not in _TITLES or cell in ("NDM", "NA") or "*" in cell:
-            continue
-        block.values.setdefault(title, {})[alpha] = number(cell)
-        if title not in _STATIC and per_degree:
-            block.per_degree.add(title)
-
-
-def _digital_references(output: _Output, line: str, unit: str) -> None:
-    """Add the area, the lengths and the moment centre, which Digital DATCOM prints at the end of a
-    line of flight conditions, to the references of ``output``; ``unit`` is that of lengths."""
-    numbers = line.split()[1:] if line.startswith("0 ") else line[1:].split()
-    if len(numbers) >= 6:
-        names = ("REF AREA", "REF LENGTH", "LAT REF LENGTH", "MOMENT CENTER")
-        for name, value in zip(names, numbers[-5:-1], strict=True):
-            square = "**2" if name == "REF AREA" and unit else ""
-            output.references[name] = f"{value} {unit}{square}".strip()
-
-
-def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
+def _table(output: Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
     """Convert the output of a case to an aerodynamic table and sentences, as `parse_datcom` returns
     them. The axes are Mach number, alpha and, if values or slopes over it are there, beta; slopes
     by beta become lines up to +-``sideslip``, deg. Raises FormatError if CN or CA is missing."""
     understood = [f"{name} {value}" for name, value in output.references.items()]
+    understood += output.understood
     blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]
     if not blocks:
         raise FormatError("has no table of CN and CA over ALPHA")
+    blank = sorted(
+        {f"{b.mach:g}" for b in output.blocks} - {f"{b.mach:g}" for b in blocks}, key=float
+    )
+    if blank:
+        understood.append(f"not read, as CN or CA is blank there: Mach number {', '.join(blank)}")
     machs, betas = sorted({b.mach for b in blocks}), sorted({b.beta for b in blocks})
     by_point = {(b.mach, b.beta): b for b in blocks}
     if len(by_point) < len(machs) * len(betas):
@@ -424,20 +300,27 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
             block = by_point[mach, beta]
             for title in block.values:
                 row = _row(block, title, alphas)
-                if row is not None:
+                if row is not None and title not in BY_ALPHA_RATE:
                     values.setdefault(title, np.full(shape, np.nan))[i, :, k] = row
     left = [title for title, grid in values.items() if not np.isfinite(grid).all()]
     for title in left:
         del values[title]
     if left:
         understood.append(f"not read, as some are blank: {', '.join(left)}")
-    tree = {name: values[title] for title, name in _STATIC.items() if title in values}
-    for title, name in _BY_RATE.items():
+    tree = {name: values[title] for title, name in STATIC.items() if title in values}
+    for title, name in BY_RATE.items():
         if title in values:
             tree[name] = values[title]
             if title == "CLQ":
                 understood.append("CLQ taken for CNQ, as at small alpha")
-    slopes = {name: values[title] for title, name in _BY_BETA.items() if title in values}
+    rates = [title for title in BY_ALPHA_RATE if any(title in b.values for b in blocks)]
+    if rates:
+        understood.append(
+            f"NOT read: {', '.join(rates)}, derivatives by the rate of alpha, which the model does "
+            "not have (in small oscillations they act as CMQ and CNQ: add them to pitch_q and "
+            "normal_q yourself if you want that)"
+        )
+    slopes = {name: values[title] for title, name in BY_BETA.items() if title in values}
     if slopes and len(betas) == 1:
         betas = [betas[0] - sideslip, betas[0], betas[0] + sideslip]
         steps = np.radians([-sideslip, 0.0, sideslip])
@@ -445,7 +328,7 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
         for name, slope in slopes.items():
             tree[name] = tree.get(name, 0.0) + slope * steps
         understood.append(
-            f"slopes by beta ({', '.join(t for t in _BY_BETA if t in values)}) continued as lines "
+            f"slopes by beta ({', '.join(t for t in BY_BETA if t in values)}) continued as lines "
             f"to {sideslip:g} deg of sideslip"
         )
     axes = {"mach": machs, "alpha_deg": alphas, "beta_deg": betas}
@@ -458,7 +341,7 @@ def _table(output: _Output, sideslip: float) -> tuple[dict[str, Any], list[str]]
     return {**axes, **{name: grid.tolist() for name, grid in tree.items()}}, understood
 
 
-def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
+def _common_alphas(blocks: list[Block]) -> tuple[list[float], list[float]]:
     """Angles of attack, deg, rising, for which all blocks have CN and CA, and those for which some
     do not."""
     all_alphas = sorted({a for b in blocks for column in b.values.values() for a in column})
@@ -468,7 +351,7 @@ def _common_alphas(blocks: list[_Block]) -> tuple[list[float], list[float]]:
     return complete, [a for a in all_alphas if a not in complete]
 
 
-def _row(block: _Block, title: str, alphas: list[float]) -> np.ndarray | None:
+def _row(block: Block, title: str, alphas: list[float]) -> np.ndarray | None:
     """Values (n,) of a block's title at the angles ``alphas``, slopes converted to per rad; a
     derivative that is printed for one alpha only is used for all. None if values are missing."""
     column = block.values[title]
@@ -476,6 +359,6 @@ def _row(block: _Block, title: str, alphas: list[float]) -> np.ndarray | None:
     given = [column[a] for a in alphas if a in column]
     if len(given) == len(alphas):
         return factor * np.array(given)
-    if len(column) == 1 and title not in _STATIC:
+    if len(column) == 1 and title not in STATIC:
         return np.full(len(alphas), factor * next(iter(column.values())))
     return None

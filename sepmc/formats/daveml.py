@@ -15,22 +15,15 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from sepmc.formats.columns import plain
-from sepmc.formats.decks import AXES, deck_of
+from sepmc.formats.daveml_signs import STANDARD, sign_of
+from sepmc.formats.decks import AXES, coefficient_of, deck_of
 from sepmc.formats.text_table import FormatError, TextTable, read_text
 from sepmc.formats.xml_tree import Element, parse_xml
 from sepmc.scene.messages import nearest, shorten
+from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
 from sepmc.scene.units import split_unit
 
 _CELLS = 100_000  # of a table
-# standard names: column of a deck, and sign; X is forward, Z down, Y right as in DATCOM
-_STANDARD = {
-    "aeroBodyForceCoefficient_X": ("axial", -1.0),
-    "aeroBodyForceCoefficient_Y": ("side", -1.0),
-    "aeroBodyForceCoefficient_Z": ("normal", -1.0),
-    "aeroBodyMomentCoefficient_Roll": ("roll", 1.0),
-    "aeroBodyMomentCoefficient_Pitch": ("pitch", 1.0),
-    "aeroBodyMomentCoefficient_Yaw": ("yaw", 1.0),
-}
 _UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
 
 
@@ -47,7 +40,9 @@ class _Function:
     values: np.ndarray
 
 
-def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
+def read_daveml(
+    path: Path, options: dict[str, Any], aero: dict[str, Any] | None = None
+) -> tuple[dict[str, Any], list[str]]:
     """Read an aerodynamic table of a campaign from a DAVE-ML file.
 
     Parameters
@@ -55,6 +50,8 @@ def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], li
     path : Path
     options : dict
         ``columns``: name or varID of a variable, or ``{ column, scale }``, by coefficient or axis.
+    aero : dict, optional
+        Table [body.NAME.aerodynamics] of the campaign, in whose convention the side force is.
 
     Returns
     -------
@@ -107,9 +104,21 @@ def read_daveml(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], li
         for key, (variable, scale) in named.items()
         if variable in titles
     }
+    coefficients = {
+        key: (variable, scale)
+        for key, (variable, scale) in named.items()
+        if variable in titles and split_unit(key)[0] not in AXES
+    }
+    for each in usable:
+        key = coefficient_of(titles[each.result])
+        if each.result not in chosen and key and key not in coefficients:
+            coefficients[key] = (each.result, 1.0)
+            columns[key] = {"column": titles[each.result], "scale": 1.0}
+    signs = _turn_signs(columns, coefficients, variables, (aero or {}).get("convention", ""))
     tree, understood = deck_of(table, columns)
     tree["interpolation"] = "linear"
     understood.append("linear between the rows, as DAVE-ML means it")
+    understood += signs
     left = [each.result for each in functions if each not in usable]
     if left:
         understood.append(f"not read, as of other variables or in formulas: {', '.join(left)}")
@@ -146,6 +155,53 @@ def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, 
             raise FormatError(f"columns.{key}: no variable {shorten(name)}; {hint}")
         named[key] = (name if name in variables else by_name[name], float(scale))
     return named
+
+
+def _turn_signs(
+    columns: dict[str, dict[str, Any]],
+    coefficients: dict[str, tuple[str, float]],
+    variables: dict[str, Element],
+    convention: str,
+) -> list[str]:
+    """Multiply the ``scale`` of ``columns``, in place, by the signs that the file states, and
+    return sentences on the signs that are turned or not stated.
+
+    ``coefficients`` are variable and scale of the campaign by coefficient; ``convention`` is that
+    of the campaign: with "datcom" the side force is turned later."""
+    turned, assumed = [], []
+    for key, (variable, scale) in coefficients.items():
+        if key not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):
+            continue  # refused by its key
+        sign, reason, stated = sign_of(key, variables[variable])
+        is_datcom = convention == "datcom" and key.startswith("side")
+        columns[key]["scale"] = scale * (-sign if is_datcom and stated else sign)
+        scaled = f", times scale = {scale:g}" if scale != 1.0 else ""
+        if not stated:
+            reason = "positive right" if is_datcom else reason
+            assumed.append(f"{key} = {variable} ({reason}{scaled})")
+        elif sign < 0.0 or scaled:
+            minus = "-" if sign < 0.0 else ""
+            turned.append(f"{key} = {minus}{variable} ({reason}{scaled})")
+    return [
+        *([f"signs turned to those of this model: {', '.join(turned)}"] if turned else []),
+        *(
+            [
+                f"sign NOT stated by the file and taken as it stands: {', '.join(assumed)}; if it "
+                "is the other, give { column = NAME, scale = -1 } in columns"
+            ]
+            if assumed
+            else []
+        ),
+    ]
+
+
+def _title(element: Element) -> str:
+    """Title of the column of a variable: the coefficient that its standard name means, else its
+    name."""
+    name = element.attributes.get("name", "").strip()
+    variable = element.attributes.get("varID", "").strip()
+    standard = STANDARD.get(name) or STANDARD.get(variable)
+    return standard[0] if standard else name or variable
 
 
 def _function(element: Element, root: Element, variables: dict[str, Element]) -> _Function:
@@ -264,10 +320,9 @@ def _long_table(
             np.clip(mesh[name], ends[0], ends[-1])
             for name, ends in zip(each.variables, each.points, strict=True)
         ]
-        title = variables[each.result].attributes.get("name") or each.result
-        title, sign = _STANDARD.get(title, (title, 1.0))
+        title = _title(variables[each.result])
         if title in columns:
             raise FormatError(f"line {each.element.line}: {title} is given twice")
         titles[each.result] = title
-        columns[title] = sign * table(np.stack(at, axis=-1)).ravel()
+        columns[title] = table(np.stack(at, axis=-1)).ravel()
     return TextTable(columns), titles

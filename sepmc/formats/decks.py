@@ -129,9 +129,7 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
             raise FormatError(
                 f"column {title} has two meanings: write {meanings}, or name it by columns"
             )
-        name = _EXACT.get(bare, _SMALL.get(plain(bare), ""))
-        if bare in (*COEFFICIENTS, *DERIVATIVES):
-            name = bare
+        name = coefficient_of(title)
         if not name:
             left.append(title)
         elif name in values:
@@ -142,6 +140,15 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
     if left:
         columns.understood.append(f"not read: {', '.join(left)}")
     return values
+
+
+def coefficient_of(title: str) -> str:
+    """Coefficient or derivative, ``lift`` or ``drag``, that the title of a column means; empty if
+    it means none."""
+    bare = split_header(title, "")[0].strip()
+    if bare in (*COEFFICIENTS, *DERIVATIVES):
+        return bare
+    return _EXACT.get(bare, _SMALL.get(plain(bare), ""))
 
 
 def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:

@@ -21,7 +21,7 @@ _ENDINGS_OF = {
     "initial": (".oem", ".xml"),
     "mass": (".urdf", ".xml", ".mjcf"),
 }
-_OPTIONS = ("columns", "engine", "case", "sideslip_deg")
+_OPTIONS = ("columns", "engine", "case", "configuration", "sideslip_deg")
 _OPTIONS_OF = {
     "initial": ("attitude", "epoch", "azimuth_deg"),
     "mass": ("link", "axes", "origin_m"),
@@ -128,7 +128,7 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
             elif kind == "deck" and path.suffix.lower() == ".dml":
                 from sepmc.formats.daveml import read_daveml  # noqa: PLC0415
 
-                table_read, sentences = read_daveml(path, options)
+                table_read, sentences = read_daveml(path, options, owner)
                 if "interpolation" in table:
                     del table_read["interpolation"]
                 _fill(key_path, table, table_read, problems)
@@ -138,12 +138,24 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
             else:
                 read: Read = {"deck": read_deck, "air": read_air, "wind": read_wind}[kind]
                 table_read, sentences = read(path, options)
+                if kind == "deck" and owner.get("convention") != "datcom":
+                    sentences += _side_sign(table_read)
                 _fill(key_path, table, table_read, problems)
         except FormatError as error:
             problems.add(f"{key_path}.file", str(error), file)
             continue
         understood += [f"{key_path}: {shorten(file)}: {'; '.join(sentences)}"]
     return understood
+
+
+def _side_sign(table: dict[str, Any]) -> list[str]:
+    """Sentence on the sign in which the side force of a deck is taken; none without one."""
+    if not {"side", "side_p", "side_r"} & table.keys():
+        return []
+    return [
+        "C_Y taken as it stands, positive to the LEFT; if it points right, as in DATCOM, give "
+        'convention = "datcom"'
+    ]
 
 
 def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:

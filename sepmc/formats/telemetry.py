@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.formats.columns import plain, split_header, values_in_si
-from sepmc.formats.text_table import FormatError, read_bytes, read_table
+from sepmc.formats.text_table import FormatError, read_bytes, read_table, without_number
 from sepmc.paths import EXTRA
 from sepmc.processes import processes
 from sepmc.scene.messages import InputError, nearest, printable, shorten
@@ -149,7 +149,8 @@ def read_telemetry(
             MappedChannel(column, title)
             for title in channels
             for column in columns
-            if title == column or split_header(title, _kind(column))[0] == split_unit(column)[0]
+            if without_number(title) == column
+            or split_header(without_number(title), _kind(column))[0] == split_unit(column)[0]
         ]
         if not mapped:
             raise FormatError(
@@ -221,11 +222,16 @@ def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChann
 
 def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
     """Titles of the channels that a name means: the title equal to it, else those that end in it
-    after a dot, else those that are the name and a unit in brackets."""
+    after a dot, else those that are the name and a number or a unit in brackets."""
     if name in channels:
         return [name]
     ends = [title for title in channels if title.rpartition(".")[2] == name]
-    return ends or [title for title in channels if re.match(rf"{re.escape(name)}\s*[(\[]", title)]
+    return ends or [
+        title
+        for title in channels
+        if without_number(title) == name
+        or re.match(rf"{re.escape(name)}\s*[(\[]", without_number(title))
+    ]
 
 
 def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, str, bool]:

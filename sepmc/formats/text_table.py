@@ -101,8 +101,9 @@ def read_table(
         Largest number of bytes of the file. A Parquet file, which may unpack to much more, may have
         at most a quarter as many numbers.
     gaps : bool
-        True: cells that are blank or no number become NaN, even if a whole column is. False: such
-        cells, and numbers that are not finite, are rejected.
+        True, for logs: cells that are blank or no number become NaN, even if a whole column is, and
+        columns of one title are numbered, ``height #1 (m)``. False: such cells and columns, and
+        numbers that are not finite, are rejected.
     assumed : sequence of str
         Names of the columns of a text file that has no header and as many columns.
 
@@ -158,7 +159,7 @@ def parse_table(
             lines.append((number, stripped))
     if not lines:
         raise FormatError("has no rows")
-    separator, first = _first_row(lines, gaps)
+    separator, first = _first_row(lines, gaps, comments[:before])
     rows = [(number, _cells(line, separator)) for number, line in lines[first:]]
     header, kind = names or _header(lines[:first], separator), "line"
     if not header:
@@ -177,10 +178,11 @@ def parse_table(
     return TextTable(columns, tuple(comments), _NAMES[separator], kind, numbers)
 
 
-def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
+def _first_row(lines: list[tuple[int, str]], gaps: bool, comments: list[str]) -> tuple[str, int]:
     """Find the separator and the index in ``lines`` (line number, text) of the first row of
     numbers; with ``gaps`` a row may have blank cells, or, below a header of as many cells, any
-    cells but one number. Raises FormatError if there is none."""
+    cells but one number. The header may be the last of the ``comments`` before the lines. Raises
+    FormatError if there is none."""
     for index, (line_number, line) in enumerate(lines):
         for separator in _SEPARATORS:
             cells = [cell for cell in _cells(line, separator) if cell]
@@ -195,7 +197,10 @@ def _first_row(lines: list[tuple[int, str]], gaps: bool) -> tuple[str, int]:
             while gaps and index and _is_row_with_gaps(lines[index - 1][1], separator, line):
                 index -= 1
             return separator, index
-    for index, ((_, above), (_, line)) in enumerate(pairwise(lines) if gaps else (), 1):
+    above_first = [(0, comments[-1])] if comments else []
+    first = 1 - len(above_first)
+    pairs = pairwise([*above_first, *lines]) if gaps else ()
+    for index, ((_, above), (_, line)) in enumerate(pairs, first):
         for separator in _SEPARATORS:
             header, cells = _cells(above, separator), _cells(line, separator)
             is_header = len(header) == len(cells) > 1 and not any(map(_is_number, header))
@@ -266,6 +271,7 @@ def _numbers(
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip
         header = header[:-1]  # a separator at the end of each line
+    header = _numbered(header) if gaps else header
     _check_names(header)
     values = np.empty((len(rows), len(header)))
     for k, (line, row) in enumerate(rows):
@@ -292,6 +298,28 @@ def _numbers(
             if not (gaps or np.isfinite(values[k, i])):
                 raise FormatError(f"line {line}: {shorten(cell)} is not finite")
     return {name: values[:, i] for i, name in enumerate(header) if name}
+
+
+_MARK = re.compile(r" #\d+(?=\s*[(\[]|$)")
+
+
+def _numbered(names: list[str]) -> list[str]:
+    """Copy of the titles in which those that occur several times have a number from 1, before a
+    unit in brackets: ``height #1 (m)``."""
+    counts, seen = Counter(name for name in names if name), Counter[str]()
+    result = []
+    for name in names:
+        seen[name] += 1
+        match = re.fullmatch(r"(.*?)(\s*[(\[][^()\[\]]*[)\]])?", name)
+        assert match is not None
+        many = counts[name] > 1
+        result.append(f"{match[1]} #{seen[name]}{match[2] or ''}" if many else name)
+    return result
+
+
+def without_number(title: str) -> str:
+    """Title as it stands in the file, of one that `read_table` may have numbered."""
+    return _MARK.sub("", title)
 
 
 def _check_names(names: Sequence[str]) -> None:

@@ -85,9 +85,11 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
         table = _without_header(table)
         time, fraction, thrust = _quantities(table, by_name)
     if time is None or (fraction is None) == (thrust is None):
+        titles = [f'"{title}"' for title in table.columns] or ['"TITLE"']
         raise FormatError(
             "needs a column of time and one of thrust or fraction, such as time_s and thrust_N; "
-            f"has {', '.join(table.columns)}"
+            f"has {', '.join(table.columns)}; name them with their units, such as "
+            f"columns = {{ time_s = {titles[0]}, thrust_N = {titles[-1]} }}"
         )
     values = thrust if thrust is not None else fraction
     assert values is not None

@@ -9,6 +9,7 @@ from sepmc.scene.model import Aerodynamics, AeroTable, Body, Scene
 
 _WEAK_SLOPE = 0.5  # 1/rad: smaller slopes of the normal force are probably per degree
 _FLAT = 1e-9  # slope that is none
+_FALLING = -0.05  # 1/rad: smaller slopes of the normal force are probably of the other sign
 _STABLE = 0.01  # 1/rad, of moment slopes: smaller ones are neither stable nor unstable
 _TURNED = 0.05  # variance that the right axis explains, over that of the other, if transposed
 _RADIANS = 0.6  # largest number of an axis in degrees that may be in radians
@@ -36,6 +37,7 @@ def lint_aerodynamics(scene: Scene) -> Iterator[str]:
             continue
         key_path = f"body.{name}.aerodynamics"
         yield from _slopes(key_path, body, aero)
+        yield from _reversed(key_path, aero)
         if aero.table is not None:
             yield from _transposed(f"{key_path}.table", aero.table)
             yield from _axis_units(f"{key_path}.table", aero.table)
@@ -122,22 +124,66 @@ def _slopes(key_path: str, body: Body, aero: Aerodynamics) -> Iterator[str]:
         )
 
 
+def _reversed(key_path: str, aero: Aerodynamics) -> Iterator[str]:
+    """Yield sentences on a normal force that falls with alpha around zero, at all Mach numbers, and
+    on an axial force that is negative there at most of them."""
+    axis = aero.table.alpha if aero.table is not None else ()
+    around_zero = len(axis) < 2 or axis[0] <= 0.0 <= axis[-1]
+    slope = float(_slopes_at_zero(aero, "normal", "alpha").max())
+    if around_zero and slope < _FALLING:
+        yield (
+            f"{key_path}.normal has the slope {slope:.3g} per rad of alpha: a positive C_N points "
+            "up here, so a nose above the path is pushed down: does it point down in your data, as "
+            "C_Z does?"
+        )
+    axial = aero.axial.get("const", 0.0) + _values_at_zero(aero, "axial")
+    if around_zero and (axial < 0.0).mean() > 0.5:
+        yield (
+            f"{key_path}.axial is {float(np.median(axial)):.3g} at alpha = 0: a positive C_A "
+            "points aft here, so the air pushes this body forward: does it point forward in your "
+            "data, as C_X does?"
+        )
+
+
+def _values_at_zero(aero: Aerodynamics, coefficient: str) -> Array:
+    """Values (n,) of the table of a coefficient, at all Mach numbers and the row of each angle next
+    to zero; one value 0 without a table."""
+    table = aero.table
+    grid = getattr(table, coefficient) if table is not None else []
+    if not grid:
+        return np.zeros(1)
+    assert table is not None
+    values = np.array(grid, float)
+    for key in ("beta", "alpha"):
+        if axis := getattr(table, key):
+            number = sum(bool(x) for x in (table.mach, table.alpha)[: 1 if key == "alpha" else 2])
+            values = np.take(values, int(np.argmin(np.abs(axis))), axis=number)
+    return np.ravel(values)
+
+
 def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
-    """Slope of a coefficient over an angle ("alpha" or "beta") at zero, 1/rad: that of its
-    polynomial plus, from its table, the slope of largest size between the two rows next to zero."""
-    slope = getattr(aero, coefficient).get(angle, 0.0)
+    """Slope of a coefficient over an angle, 1/rad: of `_slopes_at_zero`, the one whose part from
+    the table has the largest size."""
+    slopes = _slopes_at_zero(aero, coefficient, angle)
+    polynomial = getattr(aero, coefficient).get(angle, 0.0)
+    return float(slopes[int(np.argmax(np.abs(slopes - polynomial)))])
+
+
+def _slopes_at_zero(aero: Aerodynamics, coefficient: str, angle: str) -> Array:
+    """Slopes (n,) of a coefficient over an angle ("alpha" or "beta") at zero, 1/rad: that of its
+    polynomial plus, from its table, those between the two rows next to zero, at all points of the
+    other axes."""
+    slope = float(getattr(aero, coefficient).get(angle, 0.0))
     table = aero.table
     grid = getattr(table, coefficient) if table is not None else []
     axis = getattr(table, angle) if table is not None else ()
     if not grid or len(axis) < 2:
-        return float(slope)
+        return np.array([slope])
     assert table is not None
     number = sum(bool(x) for x in (table.mach, table.alpha)[: 1 if angle == "alpha" else 2])
     rows = np.moveaxis(np.array(grid, float), number, 0)
     row = min(max(int(np.searchsorted(axis, 0.0)), 1), len(axis) - 1)
-    slopes = (rows[row] - rows[row - 1]) / (axis[row] - axis[row - 1])
-    slopes = np.ravel(slopes)
-    return float(slope + slopes[int(np.argmax(np.abs(slopes)))])
+    return np.ravel(slope + (rows[row] - rows[row - 1]) / (axis[row] - axis[row - 1]))
 
 
 def _transposed(key_path: str, table: AeroTable) -> Iterator[str]:

@@ -178,7 +178,7 @@ def test_design_value():
     assert (result.design_value, result.violations, result.verdict) == (9_980.0, 14, PASS)
     assert result.worst == 9_999.0
     text = render_verdicts([result], {"gap_mm": "mm"})
-    assert "14 of 10000 cases violate it, 19 may" in text
+    assert "14 of 10000 cases violate it, 19 are allowed" in text
     assert "99.73 % of all cases are <= 9980 mm, with 90 %" in text
 
 

@@ -73,7 +73,7 @@ def test_filter_by_an_input(tmp_path):
     called = CliRunner().invoke(main, words)
     assert called.exit_code == 0, called.output
     violated = int((some["separation_speed_m_s"] > 0.5).sum())
-    assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in called.output
+    assert f"initial.alpha_deg>5: satisfied by {len(some)} of 60 cases" in called.output
     assert f"{violated} of {len(some)} cases violate it" in called.output
     assert "in 99.73 % of such cases" in " ".join(called.output.split())
     assert "of all cases" not in " ".join(called.output.split())

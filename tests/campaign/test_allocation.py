@@ -62,7 +62,7 @@ def test_no_proposal_where_a_doubled_spread_fails():
     assert result.table["double_passes"].to_list() == [False]
     assert (result.factors, result.shown) == ({}, True)  # the unchanged campaign passes again
     assert (result.verdicts["verdict"] == "pass").all()
-    assert "none did" in render_allocation(result, "pusher.toml", ())
+    assert "no run with doubled spreads did" in render_allocation(result, "pusher.toml", ())
 
 
 @pytest.mark.slow

@@ -264,7 +264,7 @@ def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger)
     for name in names:
         shutil.copy(other / name, folder / name)
     before = contents(folder)
-    message = f"was run with seed {seed}, not {seed + 1}"
+    message = f"was run with seed {seed}, not the seed {seed + 1}"
     completed = CliRunner().invoke(app.main, ["doctor", str(folder)])
     assert message in " ".join(completed.output.split())
     if with_ledger:

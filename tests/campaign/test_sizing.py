@@ -1,9 +1,11 @@
 """Sizing: the cheapest design that passes, judged on cases that did not choose it."""
 
+import json
 import math
 import shlex
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from support.sizing_problem import FORCE, SPEED, campaign, risk
@@ -19,6 +21,7 @@ from sepmc.campaign.sizing import (
     size,
 )
 from sepmc.cli.app import main
+from sepmc.cli.report_content import sizing_table
 from sepmc.scene.messages import InputError
 
 
@@ -224,6 +227,16 @@ def test_a_range_is_finite_and_rises(ends):
 
 
 @pytest.mark.slow
+def test_a_design_whose_springs_pull_is_reported():
+    """The warnings of the verdict run are those of the chosen design, not of the file."""
+    tree = {"spring.pusher.stiffness_N_per_m": 20000.0, "run.end_time_s": 0.05}
+    variable = Variable("push", FORCE.key, 1000.0, 1500.0)
+    easy = SPEED | {"at_least": 0.1}
+    result = size(campaign(easy).with_settings(tree), [variable], "push", cases=100)
+    assert any("pulls with" in note for note in result.verdict.notes)
+
+
+@pytest.mark.slow
 def test_the_command(tmp_path, monkeypatch):
     """The variable is that of [size] in the file; the option replaces the cost there."""
     monkeypatch.chdir(tmp_path)
@@ -232,10 +245,26 @@ def test_the_command(tmp_path, monkeypatch):
     )
     (tmp_path / "pusher.toml").write_text(campaign().file.toml + table, encoding="utf-8")
     words = ["size", "pusher.toml"]
-    result = CliRunner().invoke(main, [*words, "--minimise", "push", "--check"])
+    result = CliRunner().invoke(main, [*words, "--minimise", "push", "--check", "--run", "sized"])
     assert result.exit_code == 0, result.output
     assert "fast         PASS" in result.output
-    assert (tmp_path / "campaign-size.csv").is_file()
+    searched, key = pd.read_csv(tmp_path / "campaign-size.csv"), "spring.*.force_N"
+    record = json.loads((tmp_path / "campaign-size.json").read_text(encoding="utf-8"))
+    assert record["vary"] == {"push": {"key": key, "low": 1000.0, "high": 6000.0}}
+    assert record["search"]["designs"] == len(searched.drop_duplicates(key))
+    (chosen,), (rejected,) = record["design"].values(), record["nearest_not_accepted"].values()
+    accepted = searched["margin"] >= 0.0
+    assert chosen == searched.loc[accepted, key].min()
+    assert rejected == searched.loc[~accepted, key].max()
+    stored = sepmc.open("sized")  # the run for the verdict, as it was judged
+    verdict = stored.requirements().loc["fast"]
+    assert stored.seed == record["verdict"]["seed"] != record["search"]["seed"]
+    assert verdict["violations"] == record["verdict"]["requirements"]["fast"]["violations"]
+    assert verdict["confidence"] == pytest.approx(1.0 - 0.1 / MAX_TRIES)
+    (section,) = sizing_table(tmp_path / "sized")
+    assert f"{key} = {chosen:.6g}" in section.note
+    assert [f"{chosen:.6g}"] * 2 in [row[:2] for row in section.rows]
+    assert not sizing_table(tmp_path)
     again = CliRunner().invoke(main, [*words, "--minimise", "push"])
     assert again.exit_code == 2  # the table of the search is not overwritten
     assert "exists" in again.output

@@ -68,6 +68,7 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     assert "solver.step_s" in result.stderr[position:]
     assert "can be run\n" not in result.stdout
     assert "whether it runs is not known" in result.stdout
+    assert f"sepmc run {file} compiles it" in result.stdout
 
 
 def test_work_is_counted_alike_each_time(pair):
@@ -79,7 +80,8 @@ def test_work_is_counted_alike_each_time(pair):
         texts.append(str(caught.value))
     assert texts[0] == texts[1]
     assert "steps a phase takes too long here" in texts[0]
-    assert texts[0].endswith("give solver.step_s, or compile: sepmc run")
+    assert texts[0].endswith("then give solver.step_s, or compile: sepmc run")
+    assert "the limit is one of work, not of time" in texts[0]
 
 
 def test_a_step_that_is_far_too_short(pair):

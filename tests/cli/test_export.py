@@ -182,6 +182,20 @@ def test_import_prints_what_a_file_stands_for(tmp_path):
     assert "# motor.motor.profile: " in done.stderr
 
 
+def test_import_says_which_way_the_side_force_points(tmp_path):
+    (tmp_path / "d.csv").write_text("beta_deg,CY\n-10,0.2\n10,-0.2\n")
+    command = ["import", str(tmp_path / "d.csv"), "--as", "aero"]
+    done = CliRunner().invoke(app.main, command)
+    assert "C_Y taken as it stands, positive to the LEFT; if it points right" in done.stderr
+    assert tomllib.loads(done.stdout)["body"]["body"]["aerodynamics"]["table"]["side"][0] == 0.2
+    done = CliRunner().invoke(app.main, [*command, "--set", "convention=datcom"])
+    assert "C_Y taken as DATCOM's" in done.stderr
+    assert "LEFT" not in done.stderr
+    aero = tomllib.loads(done.stdout)["body"]["body"]["aerodynamics"]
+    assert aero["table"]["side"][0] == -0.2
+    assert "convention" not in aero["table"]
+
+
 def test_import_refuses_with_the_reason(tmp_path):
     (tmp_path / "d.csv").write_text("mach,cn\n1,0.2\n2,0.3\n")
     done = CliRunner().invoke(app.main, ["import", str(tmp_path / "d.csv"), "--as", "aero"])

@@ -106,6 +106,98 @@ def test_digital_datcom():
     assert any("not read, as CN or CA is blank there: alpha = 20" in one for one in said)
 
 
+HEADING = """1                               AUTOMATED STABILITY AND CONTROL METHODS PER 1976 VERSION OF DATCOM
+                                         CHARACTERISTICS AT ANGLE OF ATTACK AND IN SIDESLIP
+                                                   {} CONFIGURATION
+"""  # noqa: E501
+CARDS = "1          THE FOLLOWING IS A LIST OF ALL INPUT CARDS FOR THIS CASE.\n0\n"
+
+
+def page(configuration="WING-BODY", normal=0.141, title="", **changes):
+    """A page of Digital DATCOM with that CN at 2 deg; ``changes``: other numbers of its table."""
+    text = DIGITAL.split("\n", 2)[2].replace(
+        " 0.140   -0.0300   0.141", f" 0.140   -0.0300   {normal}"
+    )
+    for old, new in changes.values():
+        text = text.replace(old, new)
+    return HEADING.format(configuration) + f"          {title}\n" * bool(title) + text
+
+
+def cards(*lines):
+    return CARDS + "".join(f" {line}\n" for line in lines) + " NEXT CASE\n"
+
+
+def at_two_degrees(text, **options):
+    table, understood = parse_datcom(text, options)
+    return np.array(table["normal"])[0, -1, 1], " ".join(understood)
+
+
+def test_cases_of_digital_datcom():
+    """Each list of input cards with a name of its own begins a case; the user must choose."""
+    text = cards(" $BODY NX=8.0$", "CASEID FLAPS", "SAVE") + page(title="FLAPS")
+    text += cards(" $SYMFLP FTYPE=1.0$", "CASEID TOTAL", "SAVE") + page(normal=0.2, title="TOTAL")
+    with pytest.raises(FormatError, match=r"has 2 cases; .*, of 1 \(FLAPS\), 2 \(TOTAL\)"):
+        parse_datcom(text, {})
+    assert at_two_degrees(text, case=1)[0] == 0.141
+    assert at_two_degrees(text, case=2)[0] == 0.2
+    assert "case 'TOTAL'" in at_two_degrees(text, case=2)[1]
+    with pytest.raises(FormatError, match=r"has no case 3; known: 1 \(FLAPS\), 2"):
+        parse_datcom(text, {"case": 3})
+    # the same without the lists, by the titles of the pages
+    pages = page(title="FLAPS") + page(normal=0.2, title="TOTAL")
+    assert at_two_degrees(pages, case=2)[0] == 0.2
+
+
+def test_a_vehicle_with_more_mach_numbers_is_one_case():
+    """Input cards of flight conditions continue the case before; others begin a new one."""
+    first = cards(" $BODY NX=8.0$", "CASEID ROCKET", "SAVE") + page()
+    other = page(mach=("0 0.500", "0 0.700"))
+    table, _ = parse_datcom(first + cards(" $FLTCON MACH(1)=0.7$", "DAMP") + other, {})
+    assert table["mach"] == [0.5, 0.7]
+    with pytest.raises(FormatError, match="has 2 cases"):
+        parse_datcom(first + cards(" $WGPLNF CHRDR=3.0$") + other, {})
+
+
+def test_the_last_configuration_of_a_case_is_taken():
+    text = page("WING ALONE", 0.1) + page("BODY ALONE", 0.12) + page("WING-BODY")
+    normal, understood = at_two_degrees(text)
+    assert normal == 0.141
+    assert "WING-BODY, the last of its case; NOT read: WING ALONE, BODY ALONE" in understood
+    assert at_two_degrees(text, configuration="Wing alone")[0] == 0.1
+    with pytest.raises(
+        FormatError, match="no table of the configuration 'TAIL'; known: WING ALONE"
+    ):
+        parse_datcom(text, {"configuration": "TAIL"})
+    # blank at the last Mach number, where the wing alone has values: still not the wing
+    blank = page("WING-BODY", mach=("0 0.500", "0 0.700"), a=(" -0.141 ", "  NDM   "),
+                 b=(" 0.141 ", " NDM   "), c=(" 0.000    0.018 ", " NDM      NDM  "))  # fmt: skip
+    text += page("WING ALONE", 0.1, mach=("0 0.500", "0 0.700")) + blank
+    assert at_two_degrees(text)[0] == 0.141
+
+
+def test_two_values_at_one_point_are_refused():
+    """Such as those of two altitudes, which the conditions of flight tell apart."""
+    low = ("0 0.500                     ", "0 0.500 0.0 600. 2.E+03 518. ")
+    high = ("0 0.500                     ", "0 0.500 9000.0 600. 2.E+03 518. ")
+    text = page(altitude=low) + page(normal=0.15, altitude=high)
+    with pytest.raises(FormatError, match=r"is 0\.15 \(WING-BODY, ALTITUDE 9000\.0\), but 0\.141"):
+        parse_datcom(text, {})
+    assert at_two_degrees(text, configuration="ALTITUDE 9000")[0] == 0.15
+    assert at_two_degrees(text + page(altitude=low), configuration="ALTITUDE 0.0")[0] == 0.141
+
+
+def test_two_reference_areas_in_a_case_are_refused():
+    text = page() + page(mach=("0 0.500", "0 0.700"), area=(" 2.250 ", " 8.850 "))
+    with pytest.raises(FormatError, match=r"REF AREA 2\.250 at Mach .* and 8\.850 at Mach"):
+        parse_datcom(text, {})
+
+
+def test_derivatives_by_the_rate_of_alpha_are_named():
+    assert "NOT read: CNAD, CMAD, derivatives by the rate of" in " ".join(
+        parse_datcom(missile(), {})[1]
+    )
+
+
 def test_one_of_several_cases():
     text = missile() + missile(case=2).replace("0.300", "0.400")
     with pytest.raises(FormatError, match="has 2 cases; choose one by case = NUMBER, of 1, 2"):

@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 from sepmc.formats.daveml import read_daveml
 from sepmc.formats.files import read_files
 from sepmc.formats.text_table import FormatError
+from sepmc.scene.as_brought import convert_tree
 from sepmc.scene.messages import Problems
 
 HEAD = """<?xml version="1.0"?>
@@ -84,6 +85,63 @@ def test_side_force_to_the_right_turns_its_sign(tmp_path):
     assert_allclose(table["side"], [-0.5, 0.5])
 
 
+@pytest.mark.parametrize(
+    ("title", "sign", "key", "turned"),
+    [
+        ("aeroBodyForceCoefficient_Y", "", "side", -1.0),
+        ("sideforce", "right", "side", -1.0),
+        ("CY", "", "side", -1.0),
+        ("CY", "+LEFT", "side", 1.0),
+        ("CZ0", "down", "normal", -1.0),
+        ("CZ0", "", "normal", -1.0),
+        ("cz_up", "UP", "normal", 1.0),
+        ("cxt", "FWD", "axial", -1.0),
+        ("Cl0", "LWD", "roll", -1.0),
+        ("Cm0", "nose up", "pitch", 1.0),
+        ("Cn0", "ANR", "yaw", 1.0),
+        ("CYr", "right/+right", "side_r", -1.0),
+        ("Cmq", "up/+down", "pitch_q", -1.0),
+    ],
+)
+def test_signs_of_the_file_count_for_named_variables(tmp_path, title, sign, key, turned):
+    """As for those found by their names; a scale of the campaign is on top."""
+    table = points("v", title, "be", "-1 1", "0.5 -0.25")
+    table = table.replace("units", f'sign="{sign}" units' if sign else "units", 1)
+    tree, understood = read(tmp_path, table, columns={key: "v"})
+    assert_allclose(tree[key], turned * np.array([0.5, -0.25]))
+    assert (f"{key} = -v" in " ".join(understood)) == (turned < 0.0)
+    scaled, understood = read(tmp_path, table, columns={key: {"column": "v", "scale": -2.0}})
+    assert_allclose(scaled[key], -2.0 * np.array(tree[key]))
+    assert "times scale = -2" in " ".join(understood)
+
+
+def test_a_sign_that_the_file_does_not_state_is_named(tmp_path):
+    table = points("v", "sideforce", "be", "-1 1", "0.5 -0.25")
+    tree, understood = read(tmp_path, table, columns={"side": "v"})
+    assert_allclose(tree["side"], [0.5, -0.25])
+    assert "sign NOT stated by the file and taken as it stands: side = v (positive left)" in (
+        " ".join(understood)
+    )
+    wind = table.replace("units", 'axisSystem="wind" units', 1)
+    with pytest.raises(FormatError, match="axisSystem = 'wind': side must be in body axes"):
+        read(tmp_path, wind, columns={"side": "v"})
+
+
+@pytest.mark.parametrize(("title", "side"), [("aeroBodyForceCoefficient_Y", -1), ("force", -1)])
+def test_a_side_force_is_turned_once(tmp_path, title, side):
+    """By the file or, where it is silent, by convention = "datcom"."""
+    (tmp_path / "m.dml").write_text(
+        HEAD + points("v", title, "be", "-1 1", "0.5 -0.25") + "</DAVEfunc>"
+    )
+    table = {"file": "m.dml", "columns": {"side": "v"}}
+    tree = {"body": {"b": {"aerodynamics": {"table": table, "convention": "datcom"}}}}
+    problems = Problems()
+    read_files(tree, tmp_path, problems)
+    convert_tree(tree, problems)
+    assert not problems
+    assert_allclose(table["side"], side * np.array([0.5, -0.25]))
+
+
 def test_variables_are_named_by_columns(tmp_path):
     parts = points("cm_sym", "CLM_sym", "de", "-20 20", "0.1 -0.1")
     with pytest.raises(FormatError, match=r"has no table over .*tables: cm_sym"):
@@ -137,3 +195,8 @@ def test_faults_are_named(tmp_path, change, reason):
                     change[0] == "<DAVEfunc" else "</DAVEfunc>"))  # fmt: skip
     with pytest.raises(FormatError, match=reason):
         read_daveml(path, {})
+
+
+def test_an_unknown_coefficient_is_refused(tmp_path):
+    with pytest.raises(FormatError, match=r"columns\.side_z: no such coefficient"):
+        read(tmp_path, points("v", "CY", "be", "-1 1", "1 -1"), columns={"side_z": "v"})

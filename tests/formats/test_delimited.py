@@ -113,3 +113,20 @@ def test_files_that_are_none(tmp_path):
     (tmp_path / "big.csv").write_bytes(b"a" * 4_000_001)
     with pytest.raises(FormatError, match="must be at most 4,000,000"):
         read_table(tmp_path / "big.csv")
+
+
+def test_a_commented_header_above_rows_with_text():
+    """As logs of AltOS and TeleMega have it; without as many cells it stays a comment."""
+    rows = "6, 0.1,boost, 12.5\n6, 0.2,coast, 13.5\n"
+    table = parse_table("#version,time,state,height\n" + rows, gaps=True)
+    assert list(table.columns) == ["version", "time", "state", "height"]
+    assert_array_equal(table.columns["height"], [12.5, 13.5])
+    assert np.isnan(table.columns["state"]).all()
+    with pytest.raises(FormatError, match="is no line of numbers"):
+        parse_table("#time,height\n" + rows, gaps=True)
+
+
+def test_titles_that_occur_twice_are_numbered_in_logs():
+    table = parse_table("t (s),h (m),x,h (m),x\n0,1,2,3,4\n1,1,2,3,4\n", gaps=True)
+    assert list(table.columns) == ["t (s)", "h #1 (m)", "x #1", "h #2 (m)", "x #2"]
+    assert table.columns["h #2 (m)"][0] == 3.0

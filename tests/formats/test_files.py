@@ -14,7 +14,7 @@ from sepmc.formats.decks import deck_of
 from sepmc.formats.files import read_files
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError, parse_table
-from sepmc.formats.thrust import parse_eng
+from sepmc.formats.thrust import parse_eng, read_thrust
 from sepmc.physics.atmosphere import us1976
 from sepmc.scene.messages import Problems, SceneError
 
@@ -487,3 +487,16 @@ def test_columns_of_a_sounding_are_not_chosen(tmp_path):
         for read, columns in ((read_air, {"density": "X"}), (read_wind, ["a", "b"])):
             with pytest.raises(FormatError, match=f"is a sounding of {kind}.* leave out columns ="):
                 read(tmp_path / "s.txt", {"columns": columns})
+
+
+def test_a_header_that_says_too_little_is_named_by_columns(tmp_path):
+    """The refusal has the option that reads the file."""
+    path = tmp_path / "t.csv"
+    for header in ("date,thrust", "date,force_of_engine"):
+        path.write_text(header + "\n0,0\n1,5\n")
+        with pytest.raises(FormatError, match=r"columns = \{ .*thrust_N = ") as caught:
+            read_thrust(path, {})
+        name = header.partition(",")[2]
+        assert f'thrust_N = "{name}" }}' in str(caught.value)
+        columns = {"time_s": "date", "thrust_N": name}
+        assert read_thrust(path, {"columns": columns}).thrust == [0.0, 5.0]

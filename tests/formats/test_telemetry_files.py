@@ -266,3 +266,15 @@ def test_rows_with_gaps_before_the_first_full_row_are_no_header(tmp_path, header
     channels, _ = read(path, "upper_omega_y_deg_s=gyro", "signal_gain=acc")
     assert_allclose(channels["upper_omega_y_deg_s"], [[0.1, 0.3], [1.0, 2.0]])
     assert_allclose(channels["signal_gain"], [[0.2, 0.3], [5.0, 6.0]])
+
+
+def test_a_title_that_occurs_twice_is_refused_only_if_it_is_used(tmp_path):
+    path = csv(tmp_path, "time,h,gyro (deg/s),h,gain,gain", TIME, RATE, RATE, RATE, RATE, 2 * RATE)
+    channels, _ = read(path, "upper_omega_y_deg_s=gyro")
+    assert_allclose(channels["upper_omega_y_deg_s"][1], RATE)
+    with pytest.raises(FormatError, match="several channels gain: gain #1, gain #2; give one"):
+        read(path, "signal_gain=gain")
+    assert_allclose(read(path, "signal_gain=gain #2")[0]["signal_gain"][1], 2 * RATE)
+    path = csv(tmp_path, "time,signal_gain,signal_gain", TIME, RATE, RATE)
+    with pytest.raises(FormatError, match="two channels for the column signal_gain"):
+        read(path)

@@ -45,6 +45,17 @@ SEEDS = (
         "  ALPHA  CNA  CMA  CYB  CLNB  CLLB\n  -5.0  9. -9. -2. 1. -.1\n"
         "   5.0  9. -9. -2. 1. -.1\n",
     ),
+    (
+        ".out",
+        "aero",
+        "1 THE FOLLOWING IS A LIST OF ALL INPUT CARDS FOR THIS CASE.\n $BODY NX=8.0$\n"
+        " CASEID A\n NEXT CASE\n1 AUTOMATED METHODS PER 1976 VERSION OF DATCOM\n IN SIDESLIP\n"
+        " WING-BODY CONFIGURATION\n A\n --  FLIGHT CONDITIONS  --    --  REFERENCE DIMENSIONS  --\n"
+        "0 0.500     4.2600E+06    2.250      0.800     3.000     2.600     0.000\n"
+        "0 ALPHA     CD       CL       CM       CN       CA\n0\n"
+        "   -2.0    0.020   -0.140    0.0300  -0.141    0.015\n"
+        "    2.0    0.020    0.140   -0.0300   0.141    0.015\n",
+    ),
 )  # fmt: skip
 _OEM = (
     "CCSDS_OEM_VERS = 2.0\nMETA_START\nCENTER_NAME = EARTH\nREF_FRAME = EME2000\nMETA_STOP\n"
@@ -160,6 +171,7 @@ _PIECES = (
 )  # fmt: skip
 _OPTIONS = (
     {}, {}, {}, {"engine": "C6"}, {"engine": 1}, {"engine": []}, {"case": 2}, {"case": "x"},
+    {"configuration": "wing"}, {"configuration": [1]},
     {"sideslip_deg": -1}, {"columns": ["a", "b"]}, {"columns": {"thrust_N": "Thrust"}},
     {"columns": {"normal": {"column": "CA", "scale": "x"}}}, {"columns": 7},
     {"total_impulse_N_s": 12.0}, {"total_impulse_x": 1}, {"interpolation": "linear"},

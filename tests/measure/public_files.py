@@ -36,6 +36,7 @@ import numpy as np
 from sepmc.formats.ccsds import read_initial
 from sepmc.formats.ccsds_messages import parse_message
 from sepmc.formats.datcom import is_datcom, parse_datcom
+from sepmc.formats.datcom_pages import parse_cases
 from sepmc.formats.daveml import read_daveml
 from sepmc.formats.decks import read_deck
 from sepmc.formats.mass import read_mass
@@ -118,22 +119,29 @@ def _number_rows(text: str) -> list[list[float]]:
 
 
 def check_datcom(file: Path) -> list[str]:
-    """Outcome of an output of DATCOM: CN and CA of each cell stand in a row of their alpha."""
+    """Outcomes of the cases of an output of DATCOM: CN and CA of each cell stand in a row of their
+    alpha."""
     text = read_text(file)
+    return [_check_case(text, case) for case in parse_cases(text)] or ["refused: has no case"]
+
+
+def _check_case(text: str, case: int) -> str:
+    """Outcome of a case of an output of DATCOM."""
     try:
-        tree, _ = parse_datcom(text, {"case": 1})
+        tree, _ = parse_datcom(text, {"case": case})
     except FormatError as error:
-        return [f"refused: {error}"]
+        return f"refused: {error}"
     rows = {
         (row[0], x) for row in _number_rows(re.sub(r"NDM|\bNA\b|\*+", "", text)) if row for x in row
     }
     for name in ("normal", "axial"):
         values = np.array(tree[name])
         for i, alpha in enumerate(tree["alpha_deg"]):
-            for x in values[:, i].reshape(len(values), -1)[:, tree["beta_deg"].index(0.0)]:
+            middle = tree.get("beta_deg", [0.0]).index(0.0)
+            for x in values[:, i].reshape(len(values), -1)[:, middle]:
                 if (alpha, x) not in rows and (alpha, round(x, 12)) not in rows:
-                    return [f"WRONG: no row of alpha {alpha} has {name} {x}"]
-    return ["read as DATCOM"]
+                    return f"WRONG: no row of alpha {alpha} has {name} {x}"
+    return "read as DATCOM"
 
 
 def check_sounding(file: Path, text: str) -> list[str]:

@@ -355,6 +355,39 @@ CANNOT_BE_MEANT = {
         "is the table transposed? Its rows are those of mach",
     ),
     "as it is": (aerodynamics(table=AXES | {"normal": GRID}), None),
+    "normal force of C_Z": (
+        aerodynamics(table=AXES | {"normal": (-np.array(GRID)).tolist()}),
+        "so a nose above the path is pushed down: does it point down in your data, as C_Z does?",
+    ),
+    "normal force of C_Z, polynomial": (
+        aerodynamics(normal={"alpha": -3.0, "alpha3": 9.0}),
+        "normal has the slope -3 per rad of alpha",
+    ),
+    "normal force that falls beyond zero only": (
+        aerodynamics(table={"alpha_deg": [20.0, 30.0, 40.0], "normal": [2.0, 1.0, 0.8]}),
+        None,
+    ),
+    "normal force that falls at one Mach number": (
+        aerodynamics(table=AXES | {"normal": [*GRID[:2], [0.05, 0.0, -0.05]]}),
+        None,
+    ),
+    "axial force of C_X": (
+        aerodynamics(table={"mach": [0.5, 1.0, 1.5], "axial": [-0.3, -0.4, -0.5]}),
+        "axial is -0.4 at alpha = 0: a positive C_A points aft here",
+    ),
+    "axial force of C_X, polynomial": (
+        aerodynamics(axial={"const": -0.3}),
+        "so the air pushes this body forward",
+    ),
+    "axial force of a wing": (  # turns forward at larger alpha, as its lift leans forward
+        aerodynamics(
+            table={
+                "alpha_deg": [-8.0, -4.0, 0.0, 4.0, 8.0],
+                "axial": [-0.2, -0.1, 0.02, -0.1, -0.2],
+            }
+        ),
+        None,
+    ),
     "degrees in an axis of rad": (
         aerodynamics(table={"alpha_rad": [-10.0, 0.0, 10.0], "normal": [-9.0, 0.0, 9.0]}),
         "table.alpha reaches 573 deg (10 rad)",

@@ -134,7 +134,7 @@ def test_page(server):
         ('{"cases": 0}', "cases"),
         ('{"values": {"spring.pusher.farce": 1.0}}', "farce"),
         ('{"values": {"body.fore.mass_kg": -3.0}}', "-3"),
-        ('{"spreads": {"spring.pusher.force_N": 2.0}}', "no spread"),
+        ('{"spreads": {"spring.pusher.force_N": 2.0}}', "no distribution whose spread"),
     ],
 )
 def test_questions_that_have_no_answer(server, body, words):

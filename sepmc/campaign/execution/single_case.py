@@ -519,7 +519,10 @@ class _SingleRun:
         if self.completed and self.completed[-1][0].max() < self.steps.max():
             most = self.completed[-1][0].max()
             reason += f"; with {most} it reached its end, but its outcomes had not converged"
-        return f"{reason}; look at the warnings, give solver.step_s, or compile: sepmc run"
+        return (
+            f"{reason}; the limit is one of work, not of time, and tables or loads with many kinks "
+            "reach it too: look at the warnings, then give solver.step_s, or compile: sepmc run"
+        )
 
 
 def _instants(

@@ -24,6 +24,7 @@ MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
 CASES, HISTORIES, SELECTED, ACCUMULATORS = DATA_FOLDERS = untrusted.KINDS
 SAMPLES, HISTORY = "samples.parquet", "history.parquet"
 HISTOGRAMS = "histograms.csv"
+SIZING = "sizing.json"
 SHARD_PATTERN = "part-*.parquet"
 _WRITE_PROBE, _LEASE = "is-writable", "workers-called"
 RARE = "the estimate of a rare event"  # in a folder with "rare" in its manifest
@@ -54,6 +55,7 @@ _DERIVED = (  # derived from the cases
     "statistics.json",
     HISTOGRAMS,
     HISTORY,
+    SIZING,
     "sensitivity.csv",
     "causes.csv",
     "telemetry.csv",

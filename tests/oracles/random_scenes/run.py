@@ -3,6 +3,7 @@ verdicts."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 from oracles.random_scenes.compare import FAULTS
@@ -49,7 +50,8 @@ def judge_scenes(
     Returns
     -------
     list of dict
-        `oracles.random_scenes.compare.Verdict` as dicts, in the order of seeds.
+        `oracles.random_scenes.compare.Verdict` as dicts, in the order of seeds; after Ctrl-C those
+        of the scenes judged until then.
 
     Raises
     ------
@@ -79,11 +81,12 @@ def judge_scenes(
         others = f", {not_compared} not compared" if not_compared else ""
         return f"{len(finished)} of {len(jobs)} judged in {seconds:.0f} s, {failing} fail{others}"
 
-    for verdict in judge_all(jobs, limit_s=limit_s):
-        finished.append(verdict)
-        if fails(verdict):
-            log("\n".join(report_lines(verdict)))
-        progress(progress_text)
+    with suppress(KeyboardInterrupt):  # the table is then that of the scenes judged so far
+        for verdict in judge_all(jobs, limit_s=limit_s):
+            finished.append(verdict)
+            if fails(verdict):
+                log("\n".join(report_lines(verdict)))
+            progress(progress_text)
     return sorted(finished, key=lambda v: (v["seed"], v["name"]))
 
 
