@@ -284,7 +284,9 @@ def test_command_line(tmp_path):
     assert call("campaign", *options, "--keep", "failed", "--resume").exit_code == 0
     other = call("campaign", *options, "--keep", "all", "--resume")
     assert other.exit_code == 2
-    assert "was run saving the rows failed, and is to be continued storing all" in other.stderr
+    assert (
+        "was run saving the rows failed, and is to be continued saving the rows all" in other.stderr
+    )
 
 
 @pytest.mark.parametrize(
