@@ -320,6 +320,8 @@ class Verdict:
     worst, worst_case : float, int, optional
         Worst value of the outcome and its case; for a status, a yes-or-no outcome or `VIOLATION`
         None and the first violating case (the first unknown one if none violates).
+    first_missing : int, optional
+        First unknown case; None if there is none.
     nearest, error : float, optional
         Smallest distance of a case from the bound, and the numerical error there; None where there
         is none, as for `VIOLATION`.
@@ -348,6 +350,7 @@ class Verdict:
     nearest: float | None
     error: float | None
     lacking: int = 0
+    first_missing: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as a dict by name."""
@@ -450,6 +453,7 @@ def judge(
         _known(counter.nearest),
         _known(bounded[0][1]) if not counter.others else None,
         lacking,
+        counter.first_unknown if counter.missing else None,
     )
 
 
@@ -535,6 +539,13 @@ def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
         1.0 - binomial_cdf(k - missing - 1, n, 1.0 - item.probability) if k > missing else 1.0
     )
     return FAIL if probability <= risk else NOT_SHOWN
+
+
+def lacking_decides(violations: int, missing: int, cases: int, item: Requirement) -> bool:
+    """Return True if ``cases`` neither show nor refute a requirement, but would refute it if the
+    ``missing`` ones among the ``violations``, which are unknown, were known to violate it."""
+    shown = _shown(violations, missing, cases, item)
+    return shown == NOT_SHOWN and _shown(violations, 0, cases, item) == FAIL
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:

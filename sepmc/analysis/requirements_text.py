@@ -94,17 +94,19 @@ def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
             f"{v.allowed} are allowed"
             if v.allowed >= 0
             else "too few cases to show it even without one"
-        )
-        + (f"; {render_missing(v)}" if v.missing else ""),
+        ),
     ]
     if v.verdict == NONE:
         lines.insert(1, v.why)
     else:
         lines[-1] += f"; of {population} {_violating(v)} violate it ({confidence})"
+    if v.missing:
+        lines.append(render_missing(v))
     if v.verdict == NOT_SHOWN and population == ALL_CASES:
         lines.append(f"{v.more} more cases without a violation would show it")
     if v.worst is not None:
-        text = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
+        others = " of the others" if v.missing else ""
+        text = f"worst{others} {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
         if v.design_value is not None and v.verdict != NONE:
             text += f"; {required} of {population} are {_designed(v, unit)}, with {confidence}"
         lines.append(text)
@@ -121,16 +123,28 @@ def _render_verdict(v: Verdict, unit: str, width: int, population: str) -> str:
 
 
 def render_missing(v: Verdict) -> str:
-    """Render how many of the violations of a verdict are unknown cases, and why they are unknown,
-    as ``3 of them did not finish``; empty if there are none."""
-    ended = v.missing - v.lacking
+    """Render how many of the violations of a verdict are unknown cases, the first of them, and why
+    they are unknown, as ``2 cases lack the outcome, 1 did not finish (first: case 7); they count as
+    violations``; empty if there are none."""
     if v.metric == VIOLATION:
-        unknown = {"did not finish or have no such outcome": v.missing}
+        unknown = [(v.missing, "did not finish or {lack} an outcome")]
     elif v.at_least is v.at_most is None:
-        unknown = {"ended in another way": v.missing}
+        unknown = [(v.missing, "ended in another way")]
     else:
-        unknown = {"have no such outcome": v.lacking, "did not finish": ended}
-    return ", ".join(f"{count} of them {why}" for why, count in unknown.items() if count)
+        unknown = [(v.lacking, "{lack} the outcome"), (v.missing - v.lacking, "did not finish")]
+    texts = [
+        f"{count} {why.format(lack='lacks' if count == 1 else 'lack')}"
+        for count, why in unknown
+        if count
+    ]
+    if not texts:
+        return ""
+    number, _, why = texts[0].partition(" ")
+    is_one = v.missing == 1
+    first = f"({'' if is_one else 'first: '}case {v.first_missing})"
+    ending = "it counts as a violation" if is_one else "they count as violations"
+    reasons = ", ".join([f"{number} case{'s' * (number != '1')} {why}", *texts[1:]])
+    return f"{reasons} {first}; {ending}"
 
 
 def _designed(v: Verdict, unit: str) -> str:

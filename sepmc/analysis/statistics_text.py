@@ -182,9 +182,12 @@ def render_proportions(stats: pd.DataFrame) -> list[str]:
     for name, n, mean in zip(table.index, table["n"], table["mean"], strict=True):
         k = round(n * mean) if n else 0
         low, high = binomial_interval(k, int(n)) if n else (0.0, 1.0)
-        interval = f"< {upper_bound(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
+        is_none = n and not k
+        interval = f"< {upper_bound(0, int(n)):.1e}" if is_none else f"{low:.2g} to {high:.2g}"
+        sides = "one" if is_none else "two"
         lines.append(
-            f"{name}: {k} of {n} ok cases; probability {interval} ({100.0 * CONFIDENCE:g} %)"
+            f"{name}: {k} of {n} ok cases; probability {interval} "
+            f"({100.0 * CONFIDENCE:g} %, {sides}-sided)"
         )
     return lines
 

@@ -26,7 +26,7 @@ from sepmc.kernel.spec.parameter_layout import (
 from sepmc.scene import parameters
 from sepmc.scene.design_tables import named_parameters
 from sepmc.scene.dispersion import Dispersion
-from sepmc.scene.messages import InputError, nearest, shorten
+from sepmc.scene.messages import InputError, SceneError, nearest, shorten
 from sepmc.scene.parameters import Parameter, UnknownPath
 from sepmc.scene.read import parse_campaign
 
@@ -152,8 +152,8 @@ class DesignBox(Definition):
         InputError or SceneError if a design is not valid or the designs cannot share a kernel."""
         variables = design_variables(campaign, vary)
         low, high, middle = (
-            campaign.with_settings({v.key: v.at(share) for v in variables})
-            for share in (0.0, 1.0, 0.5)
+            _at_end(campaign, {v.key: v.at(share) for v in variables}, end)
+            for share, end in ((0.0, "the low end"), (1.0, "the high end"), (0.5, "the middle"))
         )
         file = campaign.file
         tree = copy.deepcopy(file.tree)
@@ -170,7 +170,11 @@ class DesignBox(Definition):
         box = cls(parse_campaign(tree, file.name, {}, file.name, file.folder, read_input_table))
         box.variables, box.ends = variables, (low, high, middle)
         single = [
-            campaign.with_settings({w.key: w.high if w is v else w.low for w in variables})
+            _at_end(
+                campaign,
+                {w.key: w.high if w is v else w.low for w in variables},
+                f"the high end of {v.key} and the low end of all others",
+            )
             for v in variables
         ]
         box.derived = tuple(_derived_numbers(box, [box.layout_of(one) for one in single]))
@@ -227,6 +231,17 @@ class DesignBox(Definition):
         if missing := [key for key in keys if key not in design]:
             raise InputError(f"design: needs a value of {', '.join(missing)}")
         return [design[key] for key in keys]
+
+
+def _at_end(campaign: Any, design: Settings, end: str) -> Any:
+    """Return a campaign with the values of a design; ``end`` says in messages where in its ranges
+    the design is. Raises SceneError if the design is not valid."""
+    try:
+        return campaign.with_settings(design)
+    except SceneError as error:
+        values = ", ".join(f"{key} = {value:g}" for key, value in design.items())
+        place = f"vary, at {end} ({values})"
+        raise SceneError([f"{place}: {problem}" for problem in error.problems]) from None
 
 
 def _extent(low: Dispersion, high: Dispersion) -> list[float]:

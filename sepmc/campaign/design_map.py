@@ -5,14 +5,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import CONFIDENCE, binomial_interval, raised
-from sepmc.analysis.requirements import NOT_SHOWN
+from sepmc.analysis.requirements import FAIL, NOT_SHOWN, PASS, lacking_decides
 from sepmc.campaign.judging import judged_requirements, raised_confidence
 from sepmc.scene.design_tables import MapAxis, parse_axis
 from sepmc.scene.messages import InputError, Log
+from sepmc.scene.model import Requirement
 
 
 @dataclass
@@ -48,6 +50,26 @@ class DesignMap:
         each"."""
         first, last = self.looks[0], int(self.table["cases"].max())
         return f"{first:,} cases each" if first == last else f"{first:,} to {last:,} cases each"
+
+    def confidence(self, requirement: Requirement) -> float:
+        """Return the confidence of each verdict on a requirement of the campaign, raised for the
+        number of looks."""
+        return raised(requirement.confidence, len(self.looks))
+
+    @property
+    def interval_confidence(self) -> float:
+        """Confidence of the intervals in the table: 95 %, raised for the number of looks."""
+        return raised(CONFIDENCE, len(self.looks))
+
+    def open_by_lacking(self, requirement: Requirement) -> np.ndarray:
+        """Return the mask (n designs,) of designs that are open for a requirement because cases
+        lack its outcome: counted as known violations, these would refute it."""
+        name, confidence = requirement.name, self.confidence(requirement)
+        item = msgspec.structs.replace(requirement, confidence=confidence)
+        counts = self.table[[f"{name}_violations", f"{name}_missing", "cases"]].to_numpy(dtype=int)
+        is_open = ~self.table[name].isin((PASS, FAIL)).to_numpy()
+        decided = [lacking_decides(k, missing, n, item) for k, missing, n in counts.tolist()]
+        return is_open & np.array(decided, dtype=bool)
 
     def grid(self, column: str) -> np.ndarray:
         """Return a column of the table as an array over the grid, shape (count of y, count of x);

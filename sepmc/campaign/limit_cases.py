@@ -7,8 +7,9 @@ simulated at 7 values between its ends. A combination has each input at its low 
 or high end, a wide angle also at a value between. It is searched for by changing one input at a
 time, always the one with the largest loss of margin, from several starts: each input at the end
 that is worst by itself, the worst of some random corners, and the nominal case. Combinations that
-the search misses may be worse. Correlations are ignored: a combination may be one that hardly ever
-occurs.
+the search misses may be worse. A case without the outcome is the worst of all: if the search ends
+in one, the worst combination that has the outcome is a further case. Correlations are ignored: a
+combination may be one that hardly ever occurs.
 
 A level is an integer that stands for a value of an input: -1 its low end, 0 nominal, 1 its high
 end, 2 to 8 values between the ends of a wide angle. Levels (d,) of all d inputs make a case.
@@ -119,6 +120,12 @@ def limit_cases(
     levels = np.vstack([search.nominal, search.single])
     worst = [search.worst(item) for item in items]
     names += [f"{WORST}{item.name}" for item in items]
+    for item, row in zip(items, list(worst), strict=True):
+        if search.lacks(item, row):
+            with_value = search.worst(item, with_value=True)
+            if not search.lacks(item, with_value):
+                names.append(f"{WORST}{item.name} with an outcome")
+                worst.append(with_value)
     return LimitCases(search.table(names, np.vstack([levels, *worst])), items)
 
 
@@ -234,12 +241,18 @@ class _LimitSearch:
         margin = margins(values, item)
         return values, margin, np.where(np.isnan(margin), -math.inf, margin)
 
-    def worst(self, item: Requirement) -> np.ndarray:
+    def lacks(self, item: Requirement, levels: np.ndarray) -> bool:
+        """Return True if the case with levels (d,) has no result for a requirement."""
+        return bool(np.isneginf(self.judge(item, *self.run(levels[None]))[2][0]))
+
+    def worst(self, item: Requirement, with_value: bool = False) -> np.ndarray:
         """Search for the combination of levels that is worst for a requirement, the one with the
-        lowest score of `judge`; return its levels (d,)."""
+        lowest score of `judge`; return its levels (d,). A case without a result is the worst of
+        all, or, if ``with_value``, the best."""
 
         def score(levels: np.ndarray) -> np.ndarray:
-            return self.judge(item, *self.run(levels))[2]
+            scores = self.judge(item, *self.run(levels))[2]
+            return np.where(np.isneginf(scores), math.inf, scores) if with_value else scores
 
         random = np.random.Generator(np.random.Philox(key=22))
         corners = np.tile(self.nominal, (_CORNERS, 1))

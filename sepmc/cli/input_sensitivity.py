@@ -150,13 +150,14 @@ def draw_sensitivities(
     title = run_title(folder)
     cases, required = shards.CaseColumns(folder), campaign.file.requirements
     ok = ok_rows(cases)
-    by_metric: dict[str, np.ndarray] = {}
-    any_violation = np.zeros(cases.rows, dtype=bool)
+    by_metric: dict[str, np.ndarray] = {}  # rows: known violations, then unknown cases
+    of_any = np.zeros((2, cases.rows), dtype=bool)
     for item in required:
-        violates = np.logical_and(*failure_attribution.violation_masks(item, cases, required))
-        by_metric[item.metric] = by_metric.get(item.metric, False) | violates
-        any_violation |= violates
-    violating = {name: by_metric.get(name, any_violation)[ok] for name in drivers.sensitivities}
+        violates, known = failure_attribution.violation_masks(item, cases, required)
+        masks = np.array([violates & known, ~known])
+        by_metric[item.metric] = by_metric.get(item.metric, False) | masks
+        of_any |= masks
+    violating = {name: by_metric.get(name, of_any)[:, ok] for name in drivers.sensitivities}
     inputs = {str(name) for table in drivers.sensitivities.values() for name in table.index}
     rows = {name: column(cases, name)[ok] for name in {*drivers.sensitivities, *inputs}}
     tables, keys = drivers.sensitivities, drivers.keys

@@ -1,15 +1,17 @@
 """Files that `sepmc map` writes, and text that it prints."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 
 from sepmc import __version__
-from sepmc.analysis.proportions import raised, required_cases
+from sepmc.analysis.proportions import required_cases
 from sepmc.analysis.requirements import FAIL, PASS
 from sepmc.analysis.requirements_text import requirement_sentence
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.design_map import DesignMap
+from sepmc.campaign.label import of_settings
 from sepmc.campaign.store import folders, shards
 from sepmc.scene.model import Requirement
 from sepmc.scene.parameters import find, value
@@ -29,6 +31,7 @@ def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
         "digest": campaign.digest,
         "cases": " ".join(map(str, designs.looks)),
         "seed": str(designs.seed),
+        "settings": json.dumps(campaign.settings),
         "sepmc": __version__,
     }
     shards.write_parquet(
@@ -51,8 +54,9 @@ def write_figures(designs: DesignMap, campaign: Campaign, path: Path) -> list[Pa
 
     nominal = tuple(_nominal(campaign, axis.key) for axis in designs.axes)
     items, paths = campaign.file.requirements, figure_paths(campaign, path)
+    settings = of_settings(campaign.settings)
     return [
-        map_figure(designs, item, _sentence(campaign, item), nominal, campaign.name, into)
+        map_figure(designs, item, _sentence(campaign, item), nominal, campaign.name, into, settings)
         for item, into in zip(items, paths, strict=True)
     ]
 
@@ -91,8 +95,12 @@ def render_map(designs: DesignMap, campaign: Campaign) -> str:
         rest = len(verdicts) - shown - refuted
         sentence = _sentence(campaign, item)
         lines.append(f"{sentence}: shown at {shown} designs, refuted at {refuted}, open at {rest}")
-        confidence = raised(item.confidence, n_looks)
-        needed = required_cases(0, item.probability, confidence)
+        if lacking := int(np.count_nonzero(designs.open_by_lacking(item))):
+            lines.append(
+                f"  at {lacking} of the open designs, cases lack the outcome: as violations they "
+                "would refute it, as unknown cases they do not, and more cases hardly help"
+            )
+        needed = required_cases(0, item.probability, designs.confidence(item))
         if most < needed:
             option = "--max-cases" if n_looks > 1 else "--cases"
             lines.append(f"  {most} cases cannot show it; give at least {option} {needed}")

@@ -67,7 +67,8 @@ _BESIDE = (
         "limits.csv",
         "Limit cases",
         "Inputs at their low or high end, the others nominal; and the worst combination found for "
-        "each requirement. A violation here is no verdict: that is about a fraction of all cases.",
+        "each requirement. A violation here is no verdict: that is about a fraction of all cases. "
+        "A case with no outcome counts as a violation.",
         ("limit", "status"),
     ),
 )
@@ -263,7 +264,8 @@ def _points(
 
 def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:
     """Choose the worst cases of requirements to show over time: at most two, up to four if more
-    requirements fail; those of failing requirements come first.
+    requirements fail; those of failing requirements come first. The first cases that did not finish
+    or lack a required outcome follow, at most four.
 
     Returns, by case number, its title in the report, and the end of a log message with the reason
     of the choice.
@@ -283,7 +285,27 @@ def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str,
             title = f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
             reason = f", the worst of {v.name}"
         cases[number] = title.rstrip(), reason
-    return cases
+    return cases | _first_missing_cases(verdicts, set(cases))
+
+
+def _first_missing_cases(
+    verdicts: Sequence[Verdict], others: set[int]
+) -> dict[int, tuple[str, str]]:
+    """Choose the first case of each verdict that did not finish or lacks the outcome, at most four
+    cases, without those in ``others``; return titles and reasons as `_worst_cases` does."""
+    cases: dict[int, tuple[str, str]] = {}
+    for v in verdicts:
+        has_bound = v.at_least is not None or v.at_most is not None
+        if has_bound and v.first_missing is not None and v.first_missing not in others:
+            title = f"case {v.first_missing}, the first of {v.missing} without {v.metric}: "
+            cases.setdefault(
+                v.first_missing,
+                (
+                    f"{title}it counts as a violation of {v.name}",
+                    f", the first without the outcome of {v.name}",
+                ),
+            )
+    return dict(list(cases.items())[:_MOST_WORST])
 
 
 def _replay(

@@ -4,10 +4,10 @@ import math
 from collections.abc import Hashable, Mapping
 from typing import Any
 
-from sepmc.analysis.requirements import PASS
+from sepmc.analysis.requirements import NONE, PASS
 from sepmc.analysis.requirements_text import requirement_sentence
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.limit_cases import MET, NOMINAL, WORST, LimitCases
+from sepmc.campaign.limit_cases import MET, NOMINAL, UNKNOWN, VIOLATED, WORST, LimitCases
 from sepmc.campaign.scenarios import ScenarioRuns
 from sepmc.scene.scenarios import BASELINE
 from sepmc.text_table import text_table
@@ -63,6 +63,8 @@ def render_limits(limits: LimitCases, campaign: Campaign) -> str:
     ]
     lines = text_table([["limit case", *names, "status"], *rows], left=(0, len(names) + 1))
     lines.append("outcome (margin to the bound), inputs at their ends and the others nominal")
+    if (table[names] == UNKNOWN).any(axis=None):
+        lines.append(f"{UNKNOWN}: the case lacks it, which counts as a violation in a verdict")
     if hidden := int((~shown).sum()):
         lines.append(f"{hidden} more limit cases violate nothing and have larger margins")
     for row in table[is_worst].to_dict("records"):
@@ -77,16 +79,25 @@ def render_limits(limits: LimitCases, campaign: Campaign) -> str:
 
 def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
     """Return text on a limit case and requirement ``name``: outcome, margin in parentheses and, if
-    it is not met, the verdict; only the verdict without an outcome."""
+    it is not met, VIOLATED; a case without an outcome counts as violated."""
     verdict, value = row[name], row[f"{name}_outcome"]
-    if math.isnan(value):
-        return str(verdict)
-    text = f"{value:.5g} ({row[f'{name}_margin']:+.3g})"
-    return text if verdict == MET else f"{text} {verdict.upper()}"
+    text = "" if math.isnan(value) else f"{value:.5g} ({row[f'{name}_margin']:+.3g})"
+    if verdict == MET:
+        return text or MET
+    return f"{UNKNOWN if verdict == UNKNOWN else text} {VIOLATED.upper()}".lstrip()
 
 
-def verdicts_pass(runs: ScenarioRuns) -> bool:
-    """Return True if every verdict in every run, of the file itself and of its scenarios, is pass;
-    False if a run has no verdict."""
-    verdicts = [one.requirements().get("verdict") for one in runs.results.values()]
-    return all(one is not None and bool((one == PASS).all()) for one in verdicts)
+def unmet_verdicts(runs: ScenarioRuns) -> list[str]:
+    """Return a text for each run, of the file itself and of its scenarios, in which a verdict is
+    not pass, or which has no requirement: the scenario, and the verdicts with reasons, if any."""
+    texts = []
+    for name, result in runs.results.items():
+        verdicts = result.requirements().to_dict("index")
+        unmet = [
+            f"{one} {v['verdict'].upper()}" + (f" ({v['why']})" if v["verdict"] == NONE else "")
+            for one, v in verdicts.items()
+            if v["verdict"] != PASS
+        ]
+        if unmet or not verdicts:
+            texts.append(f"{name}: {', '.join(unmet) or 'has no requirement, so no verdict'}")
+    return texts

@@ -49,8 +49,8 @@ def scenarios(
 
     --limits adds limit cases of FILE itself, with outcomes and margins: one input at its low or
     high end and the others nominal, and the worst combinations of ends found. --check does not
-    judge them. limits.csv in the folder is a table for --samples. If FILE has no [[scenario]],
-    --limits runs the limit cases only.
+    judge them, and needs a [[scenario]] beside them. limits.csv in the folder is a table for
+    --samples. If FILE has no [[scenario]], --limits runs the limit cases only.
 
     \b
     Example:
@@ -59,10 +59,11 @@ def scenarios(
     from sepmc.campaign.limit_cases import limit_cases
     from sepmc.campaign.scenarios import run_scenarios
     from sepmc.campaign.store import folders
+    from sepmc.cli.exits import FAILED, first_fault
     from sepmc.cli.options import check_required
     from sepmc.cli.progress import progress_bar
     from sepmc.cli.render import logger, show
-    from sepmc.cli.scenario_results import render_limits, render_scenarios, verdicts_pass
+    from sepmc.cli.scenario_results import render_limits, render_scenarios, unmet_verdicts
     from sepmc.scene.messages import InputError
     from sepmc.scene.scenarios import BASELINE
     from sepmc.wording import exists
@@ -71,6 +72,11 @@ def scenarios(
         raise click.UsageError("--resume needs --out, the folder to continue in")
     campaign = load_campaign(file, settings)
     check_required(campaign, must_pass)
+    if must_pass and with_limits and not campaign.file.scenarios:
+        raise click.UsageError(
+            f"--check judges the cases of scenarios, not limit cases: {campaign.name} needs a "
+            "[[scenario]], or leave out --limits or --check"
+        )
     folder = out or folders.next_folder(f"{campaign.name}-scenarios")
     if resume and not (folder / BASELINE).is_dir():
         raise InputError(f"{folder}: has no run of the scenarios to resume")
@@ -101,4 +107,6 @@ def scenarios(
         show("\n\n".join(text))
     tables = ", ".join(path.name for path in sorted(folder.glob("*.csv")))
     log(f"wrote {folder}: {tables}" + (", and a run folder for each" if runs else ""))
-    sys.exit(int(must_pass and runs is not None and not verdicts_pass(runs)))
+    unmet = unmet_verdicts(runs) if must_pass and runs else []
+    message = f"--check: not every requirement is shown: {'; '.join(unmet)}"
+    sys.exit(first_fault((unmet, FAILED, message)))

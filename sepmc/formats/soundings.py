@@ -157,6 +157,11 @@ def _columns(
             if count > 1:
                 raise FormatError(f"has {count} soundings; must be one in a file")
             if match := pattern.search(text):
+                if named is not None:
+                    raise FormatError(
+                        f"is {layout.partition(':')[0]}, whose columns have fixed names; leave out "
+                        f"columns = {shorten(named)}"
+                    )
                 rows = rows_of(text, match.start())
                 table, left = _sounding(rows, needed)
                 is_si = bool(rows and "SPED" in rows[0])

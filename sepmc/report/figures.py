@@ -288,7 +288,8 @@ def _histogram(
     ax.set_xlabel(fill(f"{words} ({unit})" if unit else words, 40))
     if has_bins:
         per = f" (1/({unit}))" if set(unit) & set("/ ") else f" (1/{unit})" if unit else ""
-        ax.set_ylabel(f"density{per}{', logarithmic' if ax.get_yscale() == 'log' else ''}")
+        scale = ", logarithmic" if ax.get_yscale() == "log" else ""
+        ax.set_ylabel(fill(f"density{per}{scale}", _ORDINATE_WIDTH))
 
 
 # entries of the legend of histograms, in order
@@ -301,6 +302,7 @@ _NORMAL = (
 )
 _LEGEND = (_CASES, _ALIKE, _LOW, _ENDS, _NORMAL)
 _TITLE_WIDTH = 44  # characters of a title line that fit over a panel
+_ORDINATE_WIDTH = 22  # characters along the ordinate of a panel
 _SEEN = 0.01  # of the highest bar: lower ones are marked
 _TAIL = 0.3  # of all bars: if more are too low to see, the scale is logarithmic
 

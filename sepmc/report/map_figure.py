@@ -9,12 +9,15 @@ from matplotlib.colors import ListedColormap
 
 from sepmc.analysis.requirements import FAIL, PASS
 from sepmc.campaign.design_map import DesignMap
-from sepmc.report.style import BLACK, BLUE, BOUND, REQUIRED, make_axes, save, set_title
+from sepmc.report.style import BLACK, BLUE, BOUND, make_axes, save, set_title
 from sepmc.scene.model import Requirement
 
-_PASS, _OPEN, _FAIL = "#bfe3d0", "#eeeeee", "#f6c9b0"
-_WORDS = {"shown": _PASS, "open: more cases may show or refute it": _OPEN, "refuted": _FAIL}
+# colours of verdicts, by the codes of `_codes`
+_COLOURS = ("#bfe3d0", "#eeeeee", "#d8cbe6", "#f6c9b0")
+_PASS, _OPEN, _LACKING, _FAIL = range(len(_COLOURS))
 _LEVELS = (0.001, 0.01, 0.1, 0.5)  # of the probability of a violation
+_FRACTION = "fraction of violating cases, those without the outcome among them"
+_ALLOWED = "allowed fraction"
 _MARKED = 400  # designs up to which each is marked by a dot
 
 
@@ -25,6 +28,7 @@ def map_figure(
     nominal: tuple[float | None, ...],
     about: str,
     path: Path,
+    settings: str = "",
 ) -> Path:
     """Draw the verdicts on a requirement over one or two design variables.
 
@@ -43,6 +47,8 @@ def map_figure(
         The campaign, for the title.
     path : Path
         File to write; the suffix selects the format.
+    settings : str
+        Further lines of the title: settings that change the campaign.
 
     Returns
     -------
@@ -55,8 +61,24 @@ def map_figure(
     else:
         _draw_line(ax, designs, requirement, nominal)
     ax.set_xlabel(designs.axes[0].key)
-    set_title(figure, f"{about}, {designs.cases_text}\n{sentence}")
+    looks = ""
+    if len(designs.looks) > 1:
+        raised = 100.0 * designs.confidence(requirement)
+        looks = (
+            f"\nconfidence of each verdict raised to {raised:.4g} % for {len(designs.looks)} looks"
+        )
+    head = f"{about}, {designs.cases_text}, seed {designs.seed}{settings}"
+    set_title(figure, f"{head}\n{sentence}{looks}")
     return save(figure, path)
+
+
+def _codes(designs: DesignMap, requirement: Requirement) -> np.ndarray:
+    """Return the verdicts on a requirement over the grid, shape (count of y, count of x): `_PASS`,
+    `_OPEN`, `_LACKING` or `_FAIL`."""
+    verdicts = designs.grid(requirement.name)
+    lacking = designs.open_by_lacking(requirement).reshape(verdicts.shape)
+    kinds = [verdicts == PASS, verdicts == FAIL, lacking]
+    return np.select(kinds, [_PASS, _FAIL, _LACKING], _OPEN)
 
 
 def _draw_plane(
@@ -65,11 +87,11 @@ def _draw_plane(
     """Draw a map with two axes: verdicts as coloured cells, and contours of the fraction of
     violating cases; arguments as for `map_figure`."""
     x, y = (axis.values for axis in designs.axes)
-    verdicts = designs.grid(requirement.name)
-    codes = np.where(verdicts == PASS, 0, np.where(verdicts == FAIL, 2, 1))
     ax.grid(False)
-    colours = ListedColormap([_PASS, _OPEN, _FAIL])
-    ax.pcolormesh(x, y, codes, cmap=colours, vmin=-0.5, vmax=2.5, shading="nearest")
+    codes, top = _codes(designs, requirement), len(_COLOURS) - 0.5
+    ax.pcolormesh(
+        x, y, codes, cmap=ListedColormap(_COLOURS), vmin=-0.5, vmax=top, shading="nearest"
+    )
     fractions = designs.grid(f"{requirement.name}_violations") / designs.grid("cases")
     allowed = 1.0 - requirement.probability
     levels = [level for level in _LEVELS if fractions.min() < level < fractions.max()]
@@ -79,9 +101,9 @@ def _draw_plane(
     if fractions.min() < allowed < fractions.max():
         ax.contour(x, y, fractions, levels=[allowed], colors=BOUND, linewidths=1.8)
     ax.set_ylabel(designs.axes[1].key)
-    _name_verdicts(ax)
-    ax.plot([], [], color=BLUE, linewidth=0.9, label="fraction of violating cases")
-    ax.plot([], [], color=BOUND, linewidth=1.8, label="allowed fraction")
+    _name_verdicts(ax, designs, requirement)
+    ax.plot([], [], color=BLUE, linewidth=0.9, label=_FRACTION)
+    ax.plot([], [], color=BOUND, linewidth=1.8, label=_ALLOWED)
     _mark_nominal(ax, designs, nominal)
 
 
@@ -91,30 +113,36 @@ def _draw_line(
     """Draw a map with one axis: the percentage of violating cases with its 95 % interval, and the
     verdicts as colours behind it; arguments as for `map_figure`."""
     axis, name = designs.axes[0], requirement.name
-    x, verdicts = axis.values, designs.grid(requirement.name)[0]
+    x, codes = axis.values, _codes(designs, requirement)[0]
     edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])
-    for word, colour in _WORDS.items():
-        kind = {"shown": PASS, "refuted": FAIL}.get(word)
-        cells = verdicts == kind if kind else ~np.isin(verdicts, (PASS, FAIL))
-        for k in np.flatnonzero(cells):
-            ax.axvspan(edges[k], edges[k + 1], color=colour, linewidth=0)
-    _name_verdicts(ax)
+    for k, code in enumerate(codes):
+        ax.axvspan(edges[k], edges[k + 1], color=_COLOURS[code], linewidth=0)
+    _name_verdicts(ax, designs, requirement)
     low, high = (100.0 * designs.grid(f"{name}_{end}")[0] for end in ("low", "high"))
     fractions = 100.0 * designs.grid(f"{name}_violations")[0] / designs.grid("cases")[0]
-    ax.fill_between(x, low, high, color=BLUE, alpha=0.25, linewidth=0, label="95 % interval")
+    band = f"{100.0 * designs.interval_confidence:.4g} % interval of the fraction, two-sided"
+    ax.fill_between(x, low, high, color=BLUE, alpha=0.25, linewidth=0, label=band)
     marker = "." if len(x) <= _MARKED else None
-    ax.plot(x, fractions, color=BLUE, marker=marker, label="fraction of violating cases")
-    ax.axhline(100.0 * (1.0 - requirement.probability), color=BOUND, label=REQUIRED)
+    ax.plot(x, fractions, color=BLUE, marker=marker, label=_FRACTION)
+    ax.axhline(100.0 * (1.0 - requirement.probability), color=BOUND, label=_ALLOWED)
     ax.set_ylabel("violating cases, %")
     ax.set_xlim(axis.low, axis.high)
     ax.set_ylim(bottom=0.0)
     _mark_nominal(ax, designs, nominal)
 
 
-def _name_verdicts(ax: Axes) -> None:
-    """Add a legend entry for the colour of each verdict to the axes."""
-    for word, colour in _WORDS.items():
-        ax.plot([], [], "s", markersize=10, color=colour, markeredgecolor="#999999", label=word)
+def _name_verdicts(ax: Axes, designs: DesignMap, requirement: Requirement) -> None:
+    """Add a legend entry for the colour of each verdict to the axes; that of designs which are open
+    because cases lack the outcome only if there are any."""
+    sides = f", one-sided at {100.0 * designs.confidence(requirement):.4g} %"
+    words = {_PASS: f"shown{sides}", _OPEN: "open: more cases may show or refute it"}
+    if designs.open_by_lacking(requirement).any():
+        words[_LACKING] = "open: cases lack the outcome; as violations they would refute it"
+    words[_FAIL] = f"refuted{sides}"
+    for code, word in words.items():
+        ax.plot(
+            [], [], "s", markersize=10, color=_COLOURS[code], markeredgecolor="#999999", label=word
+        )  # fmt: skip
 
 
 def _mark_nominal(ax: Axes, designs: DesignMap, nominal: tuple[float | None, ...]) -> None:

@@ -285,6 +285,7 @@ def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
         ),
         "worst": "" if v.worst is None and v.worst_case is not None else format_value(v.worst),
         "case": v.worst_case,
+        "without": v.first_missing if v.first_missing != v.worst_case else None,
         "design": ("margin " if has_two_bounds(v) and v.design_value is not None else "")
         + format_value(v.design_value),
     }

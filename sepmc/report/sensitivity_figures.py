@@ -199,6 +199,7 @@ def _region_lines(one: Attribution, keys: Mapping[str, str]) -> list[str]:
 
 _DOTS, _INPUTS = 1500, 3  # cases drawn; inputs per outcome
 _WIDE = 24  # 9 pt letters along an ordinate
+_LACKS = "cases that lack a required outcome and count as violations (at the edge if without value)"
 
 
 def _shown_rows(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -231,9 +232,11 @@ def scatter_figure(
         As for `tornado_figure`.
     rows : mapping of column to ndarray, shape (n,)
         Inputs and outcomes in the ok cases.
-    violating : mapping of outcome to ndarray, shape (n,), bool
-        True for cases that violate the requirement on the outcome, or any requirement if there is
-        none on it; they are drawn as crosses.
+    violating : mapping of outcome to ndarray, shape (2, n), bool
+        True in the first row for cases that violate the requirement on the outcome, or any
+        requirement if there is none on it, drawn as crosses; in the second row for those that lack
+        the outcome of such a requirement, drawn as plus signs: at the lower edge of the panel if
+        they lack the outcome that it shows.
 
     Returns
     -------
@@ -242,14 +245,17 @@ def scatter_figure(
     """
     figure, axes = make_axes(len(sensitivities), _INPUTS, (4.0, 2.7))
     for row, (outcome, table) in enumerate(sensitivities.items()):
-        violates, leading = violating[outcome], leading_inputs(table, _INPUTS)
+        violates, lacks = violating[outcome]
+        leading = leading_inputs(table, _INPUTS)
+        lacks = lacks & ~violates
+        without = lacks & np.isnan(rows[outcome])
         unit = units.get(outcome, "")
         for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
             if k >= len(leading):
                 ax.remove()
                 continue
             name = str(leading.index[k])
-            shown = ~violates & _shown_rows(rows[name], rows[outcome])
+            shown = ~(violates | lacks) & _shown_rows(rows[name], rows[outcome])
             complete = len(violates) <= _DOTS
             ax.plot(
                 rows[name][shown], rows[outcome][shown], ".", ms=2.5, color=BLUE, alpha=0.5,
@@ -261,6 +267,16 @@ def scatter_figure(
                     rows[name][violates], rows[outcome][violates], "x", ms=5, color=VERMILION,
                     label="cases that violate a requirement (on the outcome, if there is one)",
                 )  # fmt: skip
+            edge = ax.get_xaxis_transform()  # 0 is the lower edge
+            for mask, y, transform in (
+                (lacks & ~without, rows[outcome], ax.transData),
+                (without, np.zeros(len(without)), edge),
+            ):
+                if mask.any():
+                    ax.plot(
+                        rows[name][mask], y[mask], "+", ms=6, color=BLACK, label=_LACKS,
+                        transform=transform, clip_on=False,
+                    )  # fmt: skip
             ax.set_xlabel(keys.get(name, name), fontsize=8.5)
             if not k:
                 words = to_words(outcome, unit)

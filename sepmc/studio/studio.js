@@ -93,10 +93,10 @@
       if (quiet) one.append(made("br"), made("span", { className: "quiet", textContent: quiet }));
       return one;
     };
-    const words = cell(v.sentence, v.why);
+    const words = cell(v.sentence, [v.why, v.missing].filter(Boolean).join("; "));
     words.className = "words";
     return made("tr", {}, made("td", {}, made("span", { className: `verdict ${v.style}`,
-      textContent: v.verdict })), words, cell(v.violations, v.missing), cell(v.allowed),
+      textContent: v.verdict })), words, cell(v.violations), cell(v.allowed),
     cell(v.share), cell(v.case === null ? v.worst : `${v.worst} (case ${v.case})`), cell(v.design));
   }
   function figure(name) {

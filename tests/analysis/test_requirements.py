@@ -93,7 +93,8 @@ def test_unknown_cases_violate():
     values[3] = math.nan
     result = verdict(values, statuses=["ok"] * 100 + ["unresolved"] + ["ok"] * 131)
     assert (result.violations, result.missing, result.verdict) == (2, 2, NOT_SHOWN)
-    assert (result.worst, result.worst_case) == (6.0, 0)
+    assert (result.worst, result.worst_case, result.first_missing) == (6.0, 0, 3)
+    assert "worst of the others 6.000 (case 0)" in render_verdicts([result], {})
 
 
 def test_worst_case_of_a_yes_or_no_outcome():
@@ -147,7 +148,7 @@ def test_a_status_that_must_not_occur():
     assert (result.worst, result.worst_case) == (None, 50)
     text = render_verdicts([result], {})
     assert "never-released does not occur in 90 %" in text
-    assert "1 of them ended in another way" in text
+    assert "1 case ended in another way (case 52); it counts as a violation" in text
 
 
 def test_two_bounds():
@@ -330,7 +331,7 @@ def test_all_requirements_together():
     assert np.flatnonzero(~known).tolist() == [9]
     text = " ".join(render_verdicts([result], {}).split())
     assert "clean: no other requirement is violated in 90 % of all cases" in text
-    assert "1 of them did not finish or have no such outcome" in text
+    assert "1 case did not finish or lacks an outcome (case 9); it counts as a violation" in text
     for doubtful, message in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
         near = speed.copy()
         near[100 : 100 + doubtful] = 1.0 + 1e-6
@@ -387,3 +388,13 @@ def test_all_together_through_a_run(tmp_path):
     assert called.exit_code == 0, called.output
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "clean: no other requirement is violated" in page
+
+
+@pytest.mark.parametrize(
+    ("violations", "missing", "decides"),
+    [(30, 30, True), (30, 28, True), (45, 15, False), (12, 12, False), (0, 0, False)],
+)
+def test_cases_without_an_outcome_decide(violations, missing, decides):
+    """Of 200 cases, of which a tenth may violate, 30 known violations refute, and 14 pass."""
+    item = Requirement(name="a", metric="x_mm", at_most=5.0, probability=0.9, confidence=0.9)
+    assert requirements.lacking_decides(violations, missing, 200, item) == decides

@@ -474,7 +474,7 @@ def test_outcomes_over_inputs_say_of_which_run(tmp_path, drawn):
     name = "the_upper_stage_has_a_very_long_name_transverse_rate_deg_s"
     cases = {"a": x[0], name: x[0] + x[1], "status": np.array(["ok"] * 100)}
     table = input_sensitivities(cases, ["a"], name)
-    crossed = {name: np.zeros(100, dtype=bool)}
+    crossed = {name: np.zeros((2, 100), dtype=bool)}
     units = {name: "deg/s"}
     scatter_figure({name: table}, cases, crossed, tmp_path, units, {}, "title\nset: k = 1")
     (figure,) = drawn
@@ -482,3 +482,22 @@ def test_outcomes_over_inputs_say_of_which_run(tmp_path, drawn):
     figure.draw_without_rendering()
     ax = figure.axes[0]
     assert ax.yaxis.label.get_window_extent().height <= 1.05 * ax.get_window_extent().height
+
+
+def test_cases_without_a_required_outcome_are_marked(tmp_path, drawn):
+    """At their value, or at the lower edge without one; beyond the first 1,500 cases as well."""
+    a = np.random.default_rng(1).normal(size=2000)
+    y = a.copy()
+    y[1990] = np.nan
+    cases = {"a": a, "y": y, "status": np.array(["ok"] * 2000)}
+    marks = np.zeros((2, 2000), dtype=bool)
+    marks[0, 1980], marks[1, [1985, 1990]] = True, True
+    table = input_sensitivities(cases, ["a"], "y")
+    scatter_figure({"y": table}, cases, {"y": marks}, tmp_path, {}, {}, "title")
+    (figure,) = drawn
+    dots, crossed, lacking, edge = figure.axes[0].lines
+    assert not np.isin(a[[1980, 1985, 1990]], dots.get_xdata()).any()
+    assert (crossed.get_xdata(), crossed.get_ydata()) == (a[1980], y[1980])
+    assert (lacking.get_xdata(), lacking.get_ydata()) == (a[1985], y[1985])
+    assert (edge.get_xdata(), edge.get_ydata()) == (a[1990], 0.0)
+    assert lacking.get_label() == edge.get_label()

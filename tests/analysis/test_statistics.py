@@ -401,8 +401,10 @@ def test_yes_or_no_is_a_share():
     cases = {"case": np.arange(n), "status": np.array(["ok"] * n, dtype=object)}
     cases |= {"gap_recontact": np.zeros(n), "speed_m_s": np.arange(float(n))}
     text = render_summary(statistics(cases, ["gap_recontact", "speed_m_s"]), {"ok": n})
-    assert "gap_recontact: 0 of 5000 ok cases; probability < 6.0e-04 (95 %)" in text
+    assert "gap_recontact: 0 of 5000 ok cases; probability < 6.0e-04 (95 %, one-sided)" in text
     assert "speed_m_s" in text
     cases["gap_recontact"][:190] = 1.0
     text = render_summary(statistics(cases, ["gap_recontact"]), {"ok": n})
-    assert "gap_recontact: 190 of 5000 ok cases; probability 0.033 to 0.044 (95 %)" in text
+    assert (
+        "gap_recontact: 190 of 5000 ok cases; probability 0.033 to 0.044 (95 %, two-sided)" in text
+    )

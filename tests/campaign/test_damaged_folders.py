@@ -1,6 +1,7 @@
 """Run folders that were damaged: every damage is told, and mended but for the campaign itself. Ten
 thousand of them: ``python tests/measure/damage.py``."""
 
+import re
 import shutil
 
 import numpy as np
@@ -276,3 +277,16 @@ def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger)
         assert called.exit_code == 2, called.output
         assert "are of another run" in " ".join(called.output.split())
     assert contents(folder) == before
+
+
+def test_a_summary_that_cannot_be_read_names_its_file(folder, monkeypatch):
+    """Of the shards of a run that is continued, in place of the summary another text."""
+    read = shards.read_metadata
+    monkeypatch.setattr(
+        shards, "read_metadata", lambda path: (read(path)[0], read(path)[1] | {b"summary": b"[1"})
+    )
+    campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
+    first = folder / shards.entries(folder, folders.CASES)[0].file
+    message = f"{re.escape(str(first))}: has a summary in its metadata that cannot be read"
+    with pytest.raises(folders.StoreError, match=message):
+        campaign.run(cases=14, out=folder, resume=True)

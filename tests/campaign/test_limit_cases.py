@@ -2,12 +2,13 @@
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from support.sizing_problem import SPEED
+from support.sizing_problem import END_S, SPEED
 from support.sizing_problem import campaign as pusher
 
 import sepmc
@@ -98,3 +99,33 @@ def test_a_campaign_without_requirements_or_ends_is_refused():
     constant = {"dispersion.spring.pusher.factor": {"constant": 1.0}}
     with pytest.raises(InputError, match="no input has two ends"):
         limit_cases(pusher().with_settings(constant))
+
+
+@pytest.mark.slow
+def test_a_case_without_the_outcome_is_violated(tmp_path, monkeypatch):
+    """The weak end of the spring does not end its stroke in time: it is so marked, and the worst
+    case with a value is a further one."""
+    item = {"name": "soon", "metric": "pusher_stroke_end_time_s", "at_most": 0.0}
+    one = pusher(item).with_settings({"run.end_time_s": END_S})
+    table = limit_cases(one).table.set_index("limit")
+    assert table.loc["worst of soon", "soon"] == "no outcome"
+    other = table.loc["worst of soon with an outcome"]
+    assert other["soon"] == "violated"
+    assert other["soon_margin"] == table["soon_margin"].min()
+    monkeypatch.chdir(tmp_path)
+    Path("t.toml").write_text(one.file.toml, encoding="utf-8")
+    result = CliRunner().invoke(main, ["scenarios", "t.toml", "--limits"])
+    assert result.exit_code == 0, result.output
+    rows = [line for line in result.stdout.splitlines() if line.startswith("spring.pusher.factor ")]
+    assert rows[0].split()[2:5] == ["no", "outcome", "VIOLATED"]
+    assert "no outcome: the case lacks it, which counts as a violation" in result.stdout
+
+
+def test_limit_cases_have_no_verdict_to_check(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("t.toml").write_text(pusher(SPEED).file.toml, encoding="utf-8")
+    words = ["scenarios", "t.toml", "--limits", "--check", "--out", "none"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert "--check judges the cases of scenarios, not limit cases" in result.output
+    assert not Path("none").exists()

@@ -1,6 +1,7 @@
 """What a scene waits for and some cases do not get: counted, told, and not passed over."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -235,7 +236,8 @@ def test_missing_does_not_pass(run, expected):
         one = verdicts[name]
         assert one["violations"] == one["missing"] == one["lacking"] == expected[place]
         assert one["verdict"] != "pass"
-        message = f"{expected[place]} of them have no such outcome"
+        count, first = expected[place], one["first_missing"]
+        message = f"{count} cases lack the outcome (first: case {first}); they count as violations"
         assert message in " ".join(reported.output.split())
     assert "did not finish" not in reported.output
 
@@ -251,8 +253,12 @@ def test_what_did_not_end_is_told_apart():
     summary = TableStatistics(rows, ["x_mm"], [], {}, [item])
     (verdict,) = summary.verdicts({"x_mm": (0.0, 1.0)}, summary.audit())
     assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
-    reported = "2 of them have no such outcome, 1 of them did not finish"
+    reported = (
+        "2 cases lack the outcome, 1 did not finish (first: case 1); they count as violations"
+    )
     assert render_missing(verdict) == reported
+    alone = replace(verdict, missing=1, lacking=1)
+    assert render_missing(alone) == "1 case lacks the outcome (case 1); it counts as a violation"
 
 
 def test_rare_events_count_them_too(file):

@@ -11,9 +11,10 @@ from sepmc.analysis.moments import Moments
 from sepmc.analysis.requirements import margins
 from sepmc.campaign.execution import runner, sinks
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import KeepRules
+from sepmc.campaign.store.row_selection import KeepRules, RowSelection
 from sepmc.cli import app
 from sepmc.scene.messages import InputError
+from sepmc.scene.model import Requirement
 
 CASES = 900
 SETTINGS = {
@@ -283,7 +284,9 @@ def test_command_line(tmp_path):
     assert call("campaign", *options, "--keep", "failed", "--resume").exit_code == 0
     other = call("campaign", *options, "--keep", "all", "--resume")
     assert other.exit_code == 2
-    assert "was run saving the rows failed, and is to be continued storing all" in other.stderr
+    assert (
+        "was run saving the rows failed, and is to be continued saving the rows all" in other.stderr
+    )
 
 
 @pytest.mark.parametrize(
@@ -306,3 +309,16 @@ def test_a_count_that_is_none_is_refused(bad):
     assert two.row() == one.row()
     with pytest.raises(ValueError, match="count"):
         two.restore(iter([np.where(state == 3.0, bad, state)]))
+
+
+def test_cases_without_the_outcome_are_violating():
+    """A finished case that lacks the outcome is kept, with the reason; a failed one is not."""
+    item = Requirement(name="soon", metric="x_s", at_most=1.0)
+    rows = {
+        "case": np.arange(4),
+        "status": np.array(["ok", "ok", "ok", "never-released"], dtype=object),
+        "x_s": np.array([0.5, 2.0, np.nan, np.nan]),
+    }
+    positions, reasons = RowSelection(KeepRules(("violating",)), [item]).choose(rows)
+    assert positions.tolist() == [1, 2]
+    assert reasons.tolist() == ["violating soon", "violating soon, no outcome"]

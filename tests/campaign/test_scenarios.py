@@ -139,6 +139,11 @@ def test_the_screen_with_requirements_that_a_scenario_changes(table2_tree, tmp_p
     assert "loose: speed: separation_speed_m_s >= 0.1 m/s" in result.stdout
     (row,) = [line for line in result.stdout.splitlines() if line.startswith("bare ")]
     assert row.split() == ["bare", "3", "3", "-"]
+    checked = CliRunner().invoke(main, [*words, str(tmp_path / "again"), "--check", "--quiet"])
+    assert checked.exit_code == 1
+    (message,) = checked.stderr.splitlines()
+    assert message.startswith("error: --check: not every requirement is shown: baseline: speed NOT")
+    assert "; bare: has no requirement, so no verdict; " in message
 
 
 @pytest.mark.slow

@@ -182,7 +182,11 @@ def test_designs_of_dependent_cases_have_no_verdict():
         ({"motor.none.thrust_N": (400.0, 500.0)}, "none"),
         ({"motors.*.thrust_N": (400.0, 500.0)}, "no table has such a name"),
         ({"motor.*.thrust_N": (4, 5), "motor.retro.thrust_kN": (1, 2)}, "varied twice"),
-        ({"body.upper.mass_kg": (-1.0, 5.0)}, "must be > 0"),
+        (
+            {"body.upper.mass_kg": (-1.0, 5.0)},
+            r"at the low end \(body\.upper\.mass_kg = -1\): .*> 0",
+        ),
+        ({"spring.*.factor": (0.5, 1.0)}, "no table has such a name"),
         ({"run.end_time_s": (0.4, 0.5)}, "setting of the scene"),
         ({"motor.retro.deflection_clock_deg": (0.0, 90.0)}, "absolute values"),
     ],

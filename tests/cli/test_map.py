@@ -1,15 +1,22 @@
 """`sepmc map` judges every design as a run of it does, and refuses what it cannot judge."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
+from support.sizing_problem import END_S
+from support.sizing_problem import campaign as pusher
 
 import sepmc
 from sepmc.analysis.proportions import binomial_interval, required_cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.design_map import MapAxis, map_designs, parse_axis
 from sepmc.cli.app import main
+from sepmc.report import map_figure as map_figures
 from sepmc.report.map_figure import map_figure
 from sepmc.scene.read import parse_campaign
 
@@ -168,3 +175,44 @@ def test_figure_marks_the_nominal_only_inside(tmp_path):
         for k, nominal in enumerate([(500.0, 458.0), (None, 458.0), (700.0, 458.0)])
     ]
     assert images[0] != images[1] == images[2]
+
+
+def test_designs_open_by_cases_without_the_outcome_are_told_apart(tmp_path, monkeypatch):
+    """Unknown cases refute nothing, as in a run; the text, the figure and a mask say that they are
+    why a design is open. Where no case has the outcome, too."""
+    monkeypatch.chdir(tmp_path)
+    item = {"name": "soon", "metric": "pusher_stroke_end_time_s", "at_most": 1.0}
+    one = pusher(item | {"probability": 0.9, "confidence": 0.9})
+    Path("p.toml").write_text(one.file.toml, encoding="utf-8")
+    axis = "spring.pusher.force_N=1000:5000:3"
+    words = ["map", "p.toml", "--x", axis, "--cases", 60, "--set", f"run.end_time_s={END_S}"]
+    figures = []
+    monkeypatch.setattr(map_figures, "save", lambda figure, path: figures.append(figure) or path)
+    done = call(*words)
+    assert done.exit_code == 0, done.output
+    assert "shown at 1 designs, refuted at 0, open at 2" in done.output
+    assert "at 2 of the open designs, cases lack the outcome" in done.output
+    table = pd.read_parquet("campaign-map.parquet")
+    assert table["soon"].tolist() == ["no verdict", "not shown", "pass"]
+    (figure,) = figures
+    assert "60 cases each, seed 1" in figure.get_suptitle()
+    assert f"set: run.end_time_s = {END_S}" in figure.get_suptitle()
+    labels = figure.axes[0].get_legend_handles_labels()[1]
+    assert "shown, one-sided at 90 %" in labels
+    assert "95 % interval of the fraction, two-sided" in labels
+    assert "open: cases lack the outcome; as violations they would refute it" in labels
+    about = pq.read_schema("campaign-map.parquet").metadata
+    assert json.loads(about[b"settings"]) == {"run.end_time_s": str(END_S)}
+
+
+def test_the_figure_has_the_confidence_of_several_looks(monkeypatch):
+    designs = map_designs(campaign(), [MapAxis(X, 400.0, 600.0, 3)], cases=40, max_cases=80)
+    figures = []
+    monkeypatch.setattr(map_figures, "save", lambda figure, path: figures.append(figure) or path)
+    map_figure(designs, campaign().file.requirements[0], "speed", (None,), "table2", Path("x.png"))
+    assert "raised to 95 % for 2 looks" in figures[0].get_suptitle()
+    labels = figures[0].axes[0].get_legend_handles_labels()[1]
+    assert {"refuted, one-sided at 95 %", "97.5 % interval of the fraction, two-sided"} <= set(
+        labels
+    )
+    assert not any("lack the outcome;" in label for label in labels)

@@ -481,6 +481,14 @@ def test_titles_of_openrocket():
     assert_array_equal(table.columns["Speed (m/s)"], [1.0, 3.0])
 
 
+def test_columns_of_a_sounding_are_not_chosen(tmp_path):
+    for text, kind in ((SPC, "SPC"), (WYOMING, "fixed width")):
+        (tmp_path / "s.txt").write_text(text)
+        for read, columns in ((read_air, {"density": "X"}), (read_wind, ["a", "b"])):
+            with pytest.raises(FormatError, match=f"is a sounding of {kind}.* leave out columns ="):
+                read(tmp_path / "s.txt", {"columns": columns})
+
+
 def test_a_header_that_says_too_little_is_named_by_columns(tmp_path):
     """The refusal has the option that reads the file."""
     path = tmp_path / "t.csv"

@@ -683,3 +683,16 @@ def test_svg_has_a_title_for_readers_who_do_not_see_it(tmp_path):
     text = path.read_text(encoding="utf-8")
     folded = "A title that is folded into lines, as it is wider than this figure some"
     assert f"<title>{folded}</title>" in text
+
+
+def test_the_unit_of_a_density_is_not_clipped(tmp_path, drawn):
+    """A panel of the overview is lower than "density (1/(deg/s)), logarithmic" is long."""
+    values = np.concatenate([np.linspace(-80.0, 90.0, 60), np.full(9940, 100.0)])
+    names = [f"{name}_deg_s" for name in ("one", "two", "three", "four")]
+    histogram_figures(
+        {name: histogram(values) for name in names}, tmp_path, dict.fromkeys(names, "deg/s")
+    )
+    for ax in drawn["histograms.png"].axes:
+        label, panel = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
+        assert ax.get_ylabel().endswith("logarithmic")
+        assert label.height <= 1.05 * panel.height

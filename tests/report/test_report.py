@@ -12,13 +12,19 @@ from click.testing import CliRunner
 from matplotlib.patches import Polygon
 from numpy.testing import assert_allclose
 from oracles.random_scenes.interpreted import run_interpreted
+from support.sizing_problem import END_S
+from support.sizing_problem import campaign as pusher
 
 import sepmc
+from sepmc.campaign import run_statistics
+from sepmc.campaign.execution.replay import worst_case
 from sepmc.cli import app
-from sepmc.cli.report_content import tables_beside
+from sepmc.cli.options import load_run
+from sepmc.cli.report_content import _worst_cases, tables_beside
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import draw_vehicle, nozzle_point
+from sepmc.report.page import verdict_row
 from sepmc.scene.campaign_files import shipped_campaigns
 from sepmc.scene.model import Part
 
@@ -140,7 +146,7 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     violations = int((table["status"] == "never-released").sum())
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert f"case {first}, the first of {violations} that violate parts" in text
-    assert f"{violations} of them did not finish" in text
+    assert f"did not finish (first: case {first}); they count as violations" in text
 
 
 def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
@@ -327,3 +333,45 @@ def test_chosen_cases_are_replayed(run):
     assert called.exit_code == 0, called.output
     text = (run / "report.html").read_text(encoding="utf-8")
     assert re.findall(r'<h3 id="case-(\d+)">', text) == ["3", "17"]
+
+
+@pytest.mark.slow
+def test_the_first_case_without_the_outcome_is_replayed(pusher_run):
+    """Although another one, with a value, is the worst; its number is in the table."""
+    folder, first, count = pusher_run
+    called = call("report", folder)
+    assert called.exit_code == 0, called.output
+    assert f"running case {first} again, the first without the outcome of soon" in called.stdout
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    title = f"case {first}, the first of {count} without pusher_stroke_end_time_s"
+    assert f"{title}: it counts as a violation of soon" in page
+    assert f"{count} cases lack the outcome (first: case {first}); they count as violations" in page
+    assert f'without the outcome: case <a class="case" href="#case-{first}">{first}</a>' in page
+
+
+def test_verdicts_name_the_first_case_without_the_outcome(pusher_run):
+    """Verdict and worst case of the row; what is two-sided is so named."""
+    folder, first, _ = pusher_run
+    run = run_statistics.read_run(folder, sepmc.load(folder / "campaign.toml"))
+    (verdict,) = run.verdicts
+    assert verdict.first_missing == first != verdict.worst_case
+    assert verdict_row(verdict, "s")["without"] == first
+    number, text = worst_case(run.summary, load_run(folder), {}, "soon")
+    assert number == verdict.worst_case
+    assert f"(first: case {first}); they count as violations" in text
+    cases = _worst_cases(load_run(folder), run)
+    assert list(cases) == [verdict.worst_case, first]
+
+
+@pytest.fixture(scope="module")
+def pusher_run(tmp_path_factory):
+    """A run folder in which some cases end before the stroke of a spring; the first of them, and
+    their number."""
+    item = {"name": "soon", "metric": "pusher_stroke_end_time_s", "at_most": 1.0}
+    folder = tmp_path_factory.mktemp("pusher") / "run"
+    one = pusher(item | {"probability": 0.5}).with_settings({"run.end_time_s": END_S})
+    with run_interpreted():
+        table = one.run(cases=40, seed=3, out=folder).to_pandas()
+    lacking = table["case"][table["pusher_stroke_end_time_s"].isna()]
+    assert 1 < len(lacking) < 20
+    return folder, int(lacking.iloc[0]), len(lacking)

@@ -8,6 +8,7 @@ from sepmc.scene.read import parse_campaign
 from support.pusher import MASSES, pusher_tree
 
 STROKE, SIGMA = 0.1, 0.1
+END_S = 0.073  # the stroke ends later in some cases
 SPEED = {
     "name": "fast",
     "metric": "separation_speed_m_s",

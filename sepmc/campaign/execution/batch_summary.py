@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from operator import add
+from pathlib import Path
 from typing import Any, Self
 
 import msgspec
@@ -16,8 +17,8 @@ from sepmc.campaign.execution.accuracy import AchievedAccuracy
 from sepmc.campaign.execution.diagnostics import min_at_end
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import count_missing
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.engine.dispatch import Block
-from sepmc.scene.messages import InputError
 from sepmc.schema import Status
 
 
@@ -84,15 +85,15 @@ class BatchSummary(msgspec.Struct, frozen=True):
         return json.dumps(msgspec.to_builtins(self))
 
 
-def read(text: str | bytes) -> BatchSummary:
+def read(text: str | bytes, path: Path) -> BatchSummary:
     """Convert JSON text from `BatchSummary.text`, which may contain Infinity, to the summary.
-    Raises InputError for any other text."""
+    Raises StoreError, which names the file ``path`` that has the text, for any other text."""
     try:
         return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):
-        raise InputError(
-            "a Parquet file of cases in the run folder has a summary in its metadata that cannot "
-            "be read, so the run cannot be continued: run it again, into another folder"
+        raise StoreError(
+            f"{path}: has a summary in its metadata that cannot be read, so the run cannot be "
+            "continued: run it again, into another folder"
         ) from None
 
 

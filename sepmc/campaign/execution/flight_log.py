@@ -130,7 +130,7 @@ class FlightLog:
         values = shards.read_table(path, ["value"])["value"].to_numpy()
         try:
             lengths = [int(n) for n in json.loads(about[b"lengths"])]
-            summary = read_summary(about[b"summary"])
+            summary = read_summary(about[b"summary"], path)
             if min(lengths) < 0 or sum(lengths) * (1 + self.width) != len(values):
                 raise ValueError("the lengths of its batches do not match its number of values")
         except KeyError as error:

@@ -211,7 +211,8 @@ def _stored_rows(
             f"{folder}: {n_dropped} cases, or their histories, are missing or were changed since "
             "they were written, so these are run again"
         )
-    summary = sum((read_summary(text) for text in shards.read_summaries(folder)), BatchSummary())
+    summaries = (read_summary(text, path) for path, text in shards.read_summaries(folder))
+    summary = sum(summaries, BatchSummary())
     return PreviousRun(len(numbers), summary), spec.numbers.without(numbers)
 
 
@@ -248,7 +249,7 @@ def _stored_accumulators(
             )
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), spec.numbers
-    summary = read_summary(about.get(b"summary", b""))
+    summary = read_summary(about.get(b"summary", b""), folder / entry.file)
     return PreviousRun(entry.first, summary, arrays=tuple(arrays)), spec.numbers.after(entry.first)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sepmc.analysis.requirements_text import render_missing
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import column, ok_rows
 from sepmc.analysis.streaming import StreamingStatistics
@@ -176,6 +177,8 @@ def worst_case(
                 text = f"is the first of {verdict.violations} that violate {verdict.name}"
             else:
                 text = f"is the worst of {verdict.name}"
+                if verdict.missing:
+                    text += f" of those with the outcome; {render_missing(verdict)}"
             return int(verdict.worst_case), text
     advice = "; without a requirement, ask for the min or max of an outcome"
     raise InputError(f"worst = {query}: no such requirement; {nearest(query, names)}{advice}")

@@ -183,8 +183,10 @@ class RowSelection:
             _add_reason(reasons, ~ok, FAILED)
         if VIOLATING in self.keep.rules:
             for requirement in self.requirements:
-                known = np.logical_and(*violation_masks(requirement, rows, self.requirements))
-                _add_reason(reasons, known, f"{VIOLATING} {requirement.name}")
+                reason = f"{VIOLATING} {requirement.name}"
+                violates, known = violation_masks(requirement, rows, self.requirements)
+                _add_reason(reasons, violates & known, reason)
+                _add_reason(reasons, ok & ~known, f"{reason}, no outcome")
         if EVERY in self.keep.rules:
             _add_reason(reasons, numbers % self.keep.every == 0, EVERY)
         for requirement in self._with_worst:

@@ -433,17 +433,18 @@ def case_after(folder: Path, count: int) -> int | None:
     return int(done[count]) if len(done) > count else None
 
 
-def read_summaries(folder: Path) -> Iterator[str]:
-    """Yield, for each shard of cases of a run, the JSON text of the batch summary in its metadata.
-    Raises StoreError if a shard is damaged or has no summary."""
+def read_summaries(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield, for each shard of cases of a run, its path and the JSON text of the batch summary in
+    its metadata. Raises StoreError if a shard is damaged or has no summary."""
     for entry in entries(folder, folders.CASES):
-        _, reason = read_metadata(_verified_path(folder, entry))
+        path = _verified_path(folder, entry)
+        _, reason = read_metadata(path)
         if b"summary" not in reason:
             raise StoreError(
                 f"{folder}: was run by another version of sepmc, whose shards have no summary, so "
                 f"its cases cannot be continued; {another_place()}"
             )
-        yield reason[b"summary"].decode(errors="replace")
+        yield path, reason[b"summary"].decode(errors="replace")
 
 
 class MissingColumnError(StoreError, KeyError):
