@@ -82,8 +82,8 @@ def input_sensitivities(
         ``rank`` correlation with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright,
         Psychometrika 65, 2000); ``partial`` rank correlation; ``mean_low`` and ``mean_high``, the
         outcome's means over the cases with the lowest and highest tenth of the input (or its lowest
-        and highest of few values), in its unit; ``shift``, the lower 95 % bound of the absolute
-        difference of these means, at least 0 (Welch, Biometrika 34, 1947). With ``saltelli``, all
+        and highest of few values), in its unit; ``shift``, the lower end of the two-sided 95 %
+        interval of the absolute difference of these means, at least 0 (Welch, Biometrika 34, 1947). With ``saltelli``, all
         these are computed from the independent cases of the design. ``first``-order index with a
         95 % interval ``first_low``, ``first_high`` (`sepmc.analysis.variance_indices`), NaN if no
         estimator is valid for the sampler; ``total`` index with ``total_low``, ``total_high``, NaN
@@ -206,11 +206,12 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
 
 def _end_means(x: np.ndarray, y: np.ndarray, few: bool) -> tuple[float, float, float]:
     """Return the mean of the outcome ``y`` (n,) over the lowest tenth of the input ``x`` (n,), that
-    over the highest tenth, and the lower 95 % bound of their absolute difference, at least 0.
+    over the highest tenth, and the lower end of the two-sided 95 % interval of their absolute
+    difference, at least 0.
 
     For an input of ``few`` values its lowest and highest value take the place of the tenths, and
-    the variance at an end is at least that of all cases. The bound uses Student's t with the
-    degrees of freedom of the smaller end; it is 0 if that has one case.
+    the variance at an end is at least that of all cases. It uses Student's t with the
+    degrees of freedom of the smaller end, and is 0 if that has one case.
     """
     from scipy.special import ndtr, stdtrit  # noqa: PLC0415  (0.1 s)
 

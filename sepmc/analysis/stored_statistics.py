@@ -1,4 +1,5 @@
-"""Statistics and histograms of a run that stored no case table, read from its files."""
+"""Statistics and histograms of a run that stored no case rows, from the tables in its
+statistics.csv and histograms.csv."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -298,7 +298,10 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
                 "LAST, where the scalar part stands"
             )
         if rows.shape[1] < 4:
-            raise FormatError(f"line {segment.line}: has rows of {rows.shape[1]} numbers, not 4")
+            raise FormatError(
+                f"line {segment.line}: has rows of {rows.shape[1]} numbers after the time: "
+                "ATTITUDE_TYPE QUATERNION needs 4 or more, the quaternion first"
+            )
         quaternions = rows[:, :4]
         norms = np.linalg.norm(quaternions, axis=1)
         if np.abs(norms - 1.0).max() > 1e-3:
@@ -310,7 +313,10 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         return Rotation.from_quat(quaternions), f"quaternions, scalar part {order.lower()}"
     if kind.startswith("EULER_ANGLE"):
         if rows.shape[1] < 3:
-            raise FormatError(f"line {segment.line}: has rows of {rows.shape[1]} numbers, not 3")
+            raise FormatError(
+                f"line {segment.line}: has rows of {rows.shape[1]} numbers after the time: "
+                "ATTITUDE_TYPE EULER_ANGLE needs 3 or more, the angles first"
+            )
         sequence = segment.metadata.get("EULER_ROT_SEQ", "").upper()
         axes = "".join(_EULER.get(letter, "") for letter in sequence)
         if len(axes) != 3 or len(sequence) != 3 or axes[0] == axes[1] or axes[1] == axes[2]:

@@ -89,8 +89,8 @@ class Dispersion:
 
     def beyond(self) -> tuple[float, float]:
         """Probability of values outside the bounds of the parameter, and the distance, in sigma,
-        from the mean to the nearest of them: infinite if there are none, 0 if the mean is one. For
-        distributions with `has_tails` only."""
+        from the mean to the nearest such value: infinite if every value is within the bounds, 0 if
+        the mean itself is outside. For distributions with `has_tails` only."""
         mean, sigma = self.numbers[:2]
 
         def fits(z: float) -> bool:

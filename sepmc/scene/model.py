@@ -557,8 +557,10 @@ class Run(_Table, frozen=True, kw_only=True):
 
 class Solver(_Table, frozen=True, kw_only=True):
     """Solver settings: formulation of the equations, integration method, requested accuracy
-    (relative to the size or standard deviation of outcomes, it determines the steps), largest step
-    (s; None: as the accuracy requires), and treatment of constraint drift."""
+    (relative to the size or standard deviation of outcomes), and treatment of constraint drift.
+
+    The accuracy determines the steps unless ``step`` is given: steps are then of at most that
+    length, s, and the error is only reported."""
 
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"

@@ -58,14 +58,23 @@ class Slider:
 
 def available_keys(campaign: "Campaign") -> list[str]:
     """Return the keys of the parameters that can have a slider: finite numbers that do not change
-    the structure of the scene."""
+    the structure of the scene, and whose distribution, if any, is neither discrete nor a column of
+    a sample table."""
     numbers = all_parameters(campaign.scene, campaign.file.tree)
-    own = {d.parameter.path: d.parameter.key for d in campaign.file.dispersions}
+    dispersions = {d.parameter.path: d for d in campaign.file.dispersions}
+    own = {path: one.parameter.key for path, one in dispersions.items()}
     return [
         own.get(one.path, one.key)
         for one in numbers
-        if not is_structure(one.path) and math.isfinite(value(campaign.scene, one.path))
+        if not is_structure(one.path)
+        and math.isfinite(value(campaign.scene, one.path))
+        and (one.path not in dispersions or _is_continuous(dispersions[one.path]))
     ]
+
+
+def _is_continuous(dispersion: Dispersion) -> bool:
+    """Return False for a discrete distribution and for a column of a sample table."""
+    return not dispersion.column and dispersion.distribution != "discrete"
 
 
 def first_sliders(
@@ -78,7 +87,7 @@ def first_sliders(
     return [
         make_slider(campaign, one.parameter.key)
         for one in campaign.file.dispersions
-        if not one.column and one.distribution != "discrete"
+        if _is_continuous(one)
     ]
 
 

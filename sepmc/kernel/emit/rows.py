@@ -143,8 +143,9 @@ class Rows:
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
     def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a rotation: direction (zero), arms of both bodies, gamma,
-        residual (rad), rate of the residual."""
+        """Terms of a row that constrains a rotation: direction (zero), moment on each body per unit
+        of the multiplier (the ``arms`` of `JointRow`), gamma (rad/s2), residual (rad), rate of the
+        residual."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
@@ -158,8 +159,9 @@ class Rows:
         )
 
     def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a translation, or the length of a rod: direction, arms of
-        both bodies, gamma, residual (m), rate of the residual."""
+        """Terms of a row that constrains a translation, or the length of a rod: direction, moment
+        on each body per unit of the multiplier (the ``arms`` of `JointRow`, m), gamma (m/s2),
+        residual (m), rate of the residual."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")

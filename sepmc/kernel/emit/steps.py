@@ -441,9 +441,10 @@ def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, lis
 
 
 def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
-    """Add lines to a scope that, after a step, normalise the attitude of a body, update its pitch
-    and roll with full turns, mark cases in which their full turns are unclear, and reject a case in
-    which the body turned by more than 2 rad."""
+    """Add lines to a scope that, after a step, raise the field DRIFT to the deviation of a body's
+    quaternion from unit length, normalise the quaternion, update pitch and roll with full turns,
+    and mark cases in which the full turns are unclear. A case in which the body turned by more than
+    2 rad is rejected (`FINER_STEPS`): it is integrated again with smaller steps."""
     c.workspace.add(f"ANGLES_{body}", 2)
     last = [component(f"ANGLES_{body}", k) for k in range(2)]
     length, unit, r, angles = _attitude(scope, body)
