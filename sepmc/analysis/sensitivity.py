@@ -83,11 +83,12 @@ def input_sensitivities(
         Psychometrika 65, 2000); ``partial`` rank correlation; ``mean_low`` and ``mean_high``, the
         outcome's means over the cases with the lowest and highest tenth of the input (or its lowest
         and highest of few values), in its unit; ``shift``, the lower end of the two-sided 95 %
-        interval of the absolute difference of these means, at least 0 (Welch, Biometrika 34,
-        1947). With ``saltelli``, all these are computed from the independent cases of the design. ``first``-order index with a
-        95 % interval ``first_low``, ``first_high`` (`sepmc.analysis.variance_indices`), NaN if no
-        estimator is valid for the sampler; ``total`` index with ``total_low``, ``total_high``, NaN
-        unless the sampler is ``saltelli``. Intervals are NaN where outliers determine the variance.
+        interval of the absolute difference of these means, at least 0 (Welch, Biometrika 34, 1947).
+        With ``saltelli``, all these are computed from the independent cases of the design.
+        ``first``-order index with a 95 % interval ``first_low``, ``first_high``
+        (`sepmc.analysis.variance_indices`), NaN if no estimator is valid for the sampler; ``total``
+        index with ``total_low``, ``total_high``, NaN unless the sampler is ``saltelli``. Intervals
+        are NaN where outliers determine the variance.
         ``attrs``: ``mean`` of the outcome; ``cases``, the numbers of cases with the outcome and of
         ok cases; ``correlated`` inputs; ``note``, a limitation of the indices or an empty string.
 

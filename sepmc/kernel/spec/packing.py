@@ -239,10 +239,10 @@ def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> in
     over extension, m. Return the index of the pack, or -1 without a table.
 
     ``dispersed`` are the paths of the dispersed parameters, on which `has_unloading` and
-    `has_kinks` depend. With unloading (the force is smaller while the extension shrinks) there is a second
-    axis, `PER_RATE` times the rate of extension, m/s, and a second function. The first is then the
-    force of the table at any rate; the second is the same force while the extension shrinks, else
-    0. The spring adds the first plus (return factor - 1) times the second.
+    `has_kinks` depend. With unloading (the force is smaller while the extension shrinks) there is a
+    second axis, `PER_RATE` times the rate of extension, m/s, and a second function. The first is
+    then the force of the table at any rate; the second is the same force while the extension
+    shrinks, else 0. The spring adds the first plus (return factor - 1) times the second.
     """
     table = spring.table
     if table is None:
