@@ -284,7 +284,7 @@ def test_command(runs, tmp_path):
             several = sepmc.load(runs / "light", settings)
             several.run(cases=count, seed=3, out=tmp_path / f"lhs{count}")
     command = call("compare", tmp_path / "lhs20", tmp_path / "lhs40", "--out", tmp_path / "sizes")
-    assert "sampler lhs: cases of a run are not independent" in " ".join(command.stdout.split())
+    assert "sampler lhs: the cases of a run are not independent" in " ".join(command.stdout.split())
     kept = pd.read_csv(tmp_path / "sizes" / "compare.csv", index_col="outcome")
     assert (kept["pairs"] == 0).all()
     same = call("compare", runs / "light", runs / "light")

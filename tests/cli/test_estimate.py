@@ -81,7 +81,7 @@ def test_a_sigma_far_too_large_and_bad_mixing_are_warned_of(folder, monkeypatch)
     with run_interpreted():
         result = estimate(campaign, 100, announce=str)
     sigma, mixing = result.notes
-    assert "of sigma = 0.1, which is far too large: give 0.0" in sigma
+    assert "of sigma = 0.1, which is far too large: give a sigma of 0.0" in sigma
     assert "100 cases are worth" in mixing
     assert "far too large" in result._repr_html_()
     assert "explained by the model" in repr(result)
