@@ -4,8 +4,8 @@ parts take about a quarter of an hour on an idle machine.
 Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``, the
 cost of clearances and joint loads; ``big``, 1e8 cases of `table2`, twice (eight minutes);
 ``before``, its kernel beside that of a checkout of another commit, alternating; ``cold``, commands
-with an empty cache beside those of the checkout (of all its campaigns and of its template, each
-once: five minutes).
+with an empty cache beside those of the checkout (of all its campaigns and of its template, in
+``--rounds N`` rounds of one and a half minutes each). Modules have bytecode, as installed ones do.
 """
 
 import argparse
@@ -88,15 +88,41 @@ def commands(folder):
         )
 
 
-def cold(folder, before):
+def cold(folder, before, count):
     """Commands of 100 cases without figures, of another checkout and of this one in turn, each with
-    an empty cache and then warm: wall and processor time."""
-    here = Path(__file__).parents[2]
+    an empty cache and then warm: wall and processor time, and their ratios in ``count`` rounds."""
+    ratios = {}
+    for number in range(count):
+        for name, times in _cold_round(folder / str(number), before).items():
+            ratios.setdefault(name, []).append(times)
+            (a, b), (c, d) = times
+            print(
+                f"{name}: {a:.1f} s (processor {b:.1f}) before, {c:.1f} ({d:.1f}): {c / a:.2f} x "
+                f"({d / b:.2f} x)",
+                flush=True,
+            )
+    for name, rounds_of_one in ratios.items() if count > 1 else ():
+        before_s, here_s = (median(each[k][0] for each in rounds_of_one) for k in (0, 1))
+        wall, processor = (
+            sorted(each[1][k] / each[0][k] for each in rounds_of_one) for k in (0, 1)
+        )
+        print(
+            f"{name}: medians of {count}, {before_s:.2f} s before, {here_s:.2f}: "
+            f"{median(wall):.2f} x ({wall[0]:.2f} to {wall[-1]:.2f}), processor "
+            f"{median(processor):.2f} x ({processor[0]:.2f} to {processor[-1]:.2f})",
+            flush=True,
+        )
+
+
+def _cold_round(folder, before):
+    """By command and state of the cache: (wall, processor) times, s, of the other checkout and of
+    this one."""
+    here, result = Path(__file__).parents[2], {}
     for file in [*(path.name for path in sorted((before / "campaigns").glob("*.toml"))), ""]:
         times = {}
         for checkout in (before, here):
             place = folder / f"{checkout.name}-{file or 'template'}"
-            place.mkdir()
+            place.mkdir(parents=True)
             environment = os.environ | {"PYTHONPATH": str(checkout), "SEPMC_CACHE_DIR": str(place)}
             sepmc = [sys.executable, "-m", "sepmc"]
             name = file or str(place / "template.toml")
@@ -113,12 +139,19 @@ def cold(folder, before):
                 seconds = time.perf_counter() - begun, sum(os.times()[2:4]) - used
                 times[checkout, state] = seconds if done.returncode == 0 else (math.nan, math.nan)
         for state in ("empty", "warm"):
-            (a, b), (c, d) = times[before, state], times[here, state]
-            print(
-                f"{file or 'template'}, {state}: {a:.1f} s (processor {b:.1f}) before, {c:.1f} "
-                f"({d:.1f}): {c / a:.2f} x ({d / b:.2f} x)",
-                flush=True,
-            )
+            result[f"{file or 'template'}, {state}"] = times[before, state], times[here, state]
+    return result
+
+
+def _write_bytecode(folder, *checkouts):
+    """Compile modules as an installer does, into a folder that later processes read it from."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "bytecode")
+    for checkout in checkouts:
+        words = [sys.executable, "-m", "compileall", "-q", str(checkout / "sepmc")]
+        subprocess.run(words, check=True)
+    for _ in range(2):  # of other packages
+        imports()
 
 
 def campaigns(folder, files):
@@ -240,14 +273,16 @@ def big(folder):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--before", type=Path, metavar="FOLDER")
+    parser.add_argument("--rounds", type=int, default=1, metavar="N")
     parser.add_argument("part", nargs="*", metavar="PART", default=["all"])
     arguments = parser.parse_args()
     dispersed = [file for file in shipped_campaigns() if "dispersion" in load(file).file.tree]
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
+        folder, here = Path(temporary), Path(__file__).parents[2]
+        _write_bytecode(folder, here, *filter(None, [arguments.before]))
         parts = {
             "before": lambda: arguments.before and against(arguments.before),
-            "cold": lambda: arguments.before and cold(folder, arguments.before),
+            "cold": lambda: arguments.before and cold(folder, arguments.before, arguments.rounds),
             "big": lambda: big(folder),
             "commands": lambda: commands(folder),
             "campaigns": lambda: campaigns(folder, dispersed),
