@@ -11,9 +11,11 @@ from oracles.independent import simulate
 from small_scenes import scene
 
 import sepmc
+from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import single_case
 from sepmc.cli import app
 from sepmc.engine import kernel_cache
+from sepmc.scene.read import parse_campaign
 
 
 @pytest.mark.slow
@@ -188,3 +190,40 @@ def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
     pair({"solver": {"accuracy": 1e-9}}).simulate(announce=calls.append)
     assert calls[0] == "still running after 0 s, now in 2 steps a phase ..."
     assert len(calls) > 3
+
+
+def test_a_load_that_ends_a_phase_at_once_beside_a_later_event():
+    """The phase has no duration, so its typical one is 0 as well; the load is looked at all the
+    same, and the case is that of the row."""
+    tree = {
+        "environment": {"atmosphere": "none", "gravity": "none"},
+        "body": {
+            "fore": {"mass_kg": 10.0, "inertia_kg_m2": [1.0, 2.0, 2.0], "cg_m": [1.0, 0.0, 0.0]},
+            "aft": {"mass_kg": 20.0, "inertia_kg_m2": [2.0, 5.0, 5.0], "cg_m": [3.0, 0.0, 0.0]},
+        },
+        "joint": {"bolt": {"bodies": ["aft", "fore"], "point_m": [2.0, 0.0, 0.0]}},
+        "motor": [{"name": "push", "body": "fore", "thrust_N": 1000.0, "station_m": 1.0}],
+        "phase": [
+            {
+                "name": "held",
+                "joints": {"bolt": "fixed"},
+                "until": {
+                    "any": [
+                        {"joint": "bolt", "force_N": 100.0},
+                        {"body": "aft", "altitude_m": 5.0},
+                    ]
+                },
+            },
+            {"name": "free"},
+        ],
+        "initial": {"altitude_m": 0.0, "speed_m_s": 100.0, "pitch_deg": 90.0},
+        "run": {"end_time_s": 0.2, "cases": 2},
+    }
+    campaign = Campaign(parse_campaign(tree, "at once"))
+    history = campaign.simulate(None)
+    assert history.attrs["status"] == "ok"
+    table = campaign.run(cases=1).table
+    assert table["status"][0] == "ok"
+    for name in ("release_time_s", "separation_speed_m_s", "fore_pitch_deg"):
+        assert history.attrs["outcomes"][name] == pytest.approx(table[name][0], abs=1e-9)
+    assert history.attrs["outcomes"]["release_time_s"] == 0.0

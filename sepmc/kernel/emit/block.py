@@ -45,6 +45,7 @@ from sepmc.schema import Status
 _CONTINUES = "w[REJECTED + l] <= 0.0"
 # minimum length of an interval that a joint load may end, as a fraction of the time left
 _MIN_FRACTION = 2.0**-16
+_SHORTEST_S = 100.0 * at.GRAIN
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: tolerated joint residuals at the start
 _INPUTS = "nominal, slots, draws = vector(a, 0), indices(a, 1), table(a, 2)"
 _STEPS = (
@@ -393,7 +394,9 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
     """Append lines that make one step in segment ``number``, the first of the remaining ones, by
     the method that the run selects for the segment. ``left`` is the code of the number of remaining
     steps."""
-    methods = c.methods(segment)
+    methods, typical = c.methods(segment), f"typical[{number}]"
+    if segment.may_end_by_load:  # no load is looked at in a step without length
+        typical = f"max({typical}, {_SHORTEST_S})"
     if c.history == at.SEPARATION_HISTORY:
         text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
         text.lanes()("w[BEGIN_T + l] = w[T + l]")
@@ -402,7 +405,7 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
         size = f"{c.spec.active_size(segment)} * LANES"
-        inner(f"{advance(rk)}(w, {number}, {size}, {left}, typical[{number}])")
+        inner(f"{advance(rk)}(w, {number}, {size}, {left}, {typical})")
         if c.history == at.SEPARATION_HISTORY:
             inner(f"{fit_curves(rk)}(w, {number})")
 
