@@ -25,7 +25,7 @@ from sepmc.scene.units import UNITS, split_unit, unit_kind, unit_text
 
 FILE_BYTES = 200_000_000  # of a file
 # time, s, that a library may take: to start, and for a file, with more for each megabyte
-_LONGEST_S, _BASE_S, _PER_MEGABYTE_S = 300.0, 4.0, 30.0
+_LONGEST_S, _BASE_S, _PER_MEGABYTE_S = 300.0, 3.0, 30.0
 _MEMORY = 4 << 30  # bytes that it may use
 _MAP = re.compile(r"([+-]?)\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*)?\s*(.+?)\s*")
 _UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
