@@ -35,6 +35,7 @@ from sepmc.campaign.judging import (
     fresh_verdict,
     with_requirements,
 )
+from sepmc.campaign.store import folders
 from sepmc.scene.design_tables import Variable, check_variables, cost_tree, parse_variable
 from sepmc.scene.messages import InputError, Log
 
@@ -112,6 +113,7 @@ def size(
     announce: Log | None = None,
     subject_to: Sequence[str] = (),
     out: Path | None = None,
+    overwrite: bool = False,
 ) -> Sizing:
     """Find the design with the smallest cost that passes all requirements with confidence.
 
@@ -134,6 +136,8 @@ def size(
         Names of the requirements to pass; all if empty.
     out : Path, optional
         Run folder for the verdict run; in memory if None.
+    overwrite : bool
+        Replace the run in an existing folder ``out``.
 
     Returns
     -------
@@ -144,6 +148,8 @@ def size(
     InputError
         If the campaign has no requirement, the cases are too few to show one, the cost is no
         formula of the variables, or no design of the ranges is accepted.
+    StoreError
+        If ``out`` cannot be used as requested.
 
     Notes
     -----
@@ -154,6 +160,8 @@ def size(
     from the cheapest accepted one, with at most 40 designs per variable. The optimum is that of the
     search; it is not proven to be global.
     """
+    if out is not None:
+        folders.check_folder(out, overwrite)
     campaign, search = start_search(
         campaign, variables, [minimise], cases, seed, MAX_TRIES, threads, announce, subject_to
     )

@@ -128,10 +128,17 @@ def size(
     if len(minimise) == 1:
         record = path.with_suffix(".json")
         check_out_file(record, (), overwrite)
-        if run_folder is not None:
-            folders.check_folder(run_folder, overwrite, False)
         sizing = find_size(
-            campaign, parsed, minimise[0], cases, seed, threads, log, subject_to, run_folder
+            campaign,
+            parsed,
+            minimise[0],
+            cases,
+            seed,
+            threads,
+            log,
+            subject_to,
+            run_folder,
+            overwrite,
         )
         command = repeat_command(sizing, file, settings, campaign.file.tree)
         content = sizing_record(sizing, campaign, parsed, minimise[0], subject_to, command)

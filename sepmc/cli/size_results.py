@@ -64,7 +64,7 @@ def sizing_record(
     -------
     dict
     """
-    searched = sizing.searched.drop_duplicates([one.key for one in variables])
+    searched = _distinct(sizing)
     nearest = (searched["cost"] - sizing.cost).abs().sort_values(kind="stable").index[:_NEAREST]
     return {
         "campaign": campaign.name,
@@ -98,6 +98,11 @@ def sizing_record(
     }
 
 
+def _distinct(sizing: Sizing) -> "pd.DataFrame":
+    """Return the table of the designs searched, each of them once."""
+    return sizing.searched.drop_duplicates(list(sizing.values))
+
+
 def _not_accepted(sizing: Sizing) -> dict[str, float] | None:
     """Return the design, values by TOML path, that is nearest to the chosen one among those that
     the search did not accept; None with several variables, or if there is none."""
@@ -113,10 +118,11 @@ def render_sizing(sizing: Sizing, minimise: str, command: str) -> str:
     """Return a sizing as text: the chosen design, its cost, the verdicts of its run with another
     seed, and the ``command`` that repeats that run. ``minimise`` is the formula of the cost."""
     lines = [f"{key} = {value:.6g}" for key, value in sizing.values.items()]
-    accepted = int((sizing.searched["margin"] >= 0.0).sum())
+    searched = _distinct(sizing)
+    accepted = int((searched["margin"] >= 0.0).sum())
     lines.append(
         f"{minimise} = {sizing.cost:.6g}, the smallest of {accepted} accepted designs, "
-        f"of {len(sizing.searched)} searched with {sizing.search_cases} cases of seed "
+        f"of {len(searched)} searched with {sizing.search_cases} cases of seed "
         f"{sizing.search_seed}"
     )
     lines += [

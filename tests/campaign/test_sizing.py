@@ -20,6 +20,7 @@ from sepmc.campaign.sizing import (
     parse_variable,
     size,
 )
+from sepmc.campaign.store.folders import StoreError
 from sepmc.cli.app import main
 from sepmc.cli.report_content import sizing_table
 from sepmc.scene.messages import InputError
@@ -261,6 +262,11 @@ def test_the_command(tmp_path, monkeypatch):
     assert stored.seed == record["verdict"]["seed"] != record["search"]["seed"]
     assert verdict["violations"] == record["verdict"]["requirements"]["fast"]["violations"]
     assert verdict["confidence"] == pytest.approx(1.0 - 0.1 / MAX_TRIES)
+    assert f"of {record['search']['designs']} searched" in result.output
+    before = (tmp_path / "sized" / "manifest.json").read_bytes()
+    with pytest.raises(StoreError, match="exists"):  # before any design is run
+        size(campaign(), [FORCE], "push", cases=200, out=tmp_path / "sized")
+    assert (tmp_path / "sized" / "manifest.json").read_bytes() == before
     (section,) = sizing_table(tmp_path / "sized")
     assert f"{key} = {chosen:.6g}" in section.note
     assert [f"{chosen:.6g}"] * 2 in [row[:2] for row in section.rows]
