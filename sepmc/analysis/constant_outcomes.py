@@ -112,7 +112,7 @@ def is_constant(table: pd.DataFrame, name: str) -> bool:
     Returns
     -------
     bool
-        False for a table without the column ``constant``.
+        False for a table without the column ``constant`` or without the outcome.
     """
     return "constant" in table and name in table.index and bool(table.at[name, "constant"])
 

@@ -193,7 +193,8 @@ def _partition(
 
 
 class _Partition:
-    """Partition of the range of an input into ``number`` parts of about equally many cases:
+    """Partition of the range of an input into ``number`` parts, at most ``max_parts``, of about
+    equally many cases, or one for each value if there are no more values than ``max_parts``:
     ``values`` (n,) of the input, and ``index`` (n,) of the part, from 0, of each case."""
 
     def __init__(self, values: np.ndarray, max_parts: int):

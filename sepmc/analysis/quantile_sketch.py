@@ -57,7 +57,7 @@ class QuantileSketch:
         self._grid = _Grid.restored(grid_state, arrays) if len(grid_state) else None
 
     def add(self, values: np.ndarray) -> None:
-        """Add values (n,) without NaN, in the order of their cases."""
+        """Add ``values`` (n,), which must not contain NaN, in the order of their cases."""
         while values.size:
             count = min(EXACT_VALUES - self._filled, values.size)
             self._buffer[self._filled : self._filled + count] = values[:count]
@@ -133,7 +133,7 @@ class ValueList(list[np.ndarray]):
     """List of arrays of values, in the order they were added, for `QuantileSketch.merge`."""
 
     def add(self, values: np.ndarray) -> None:
-        """Append a copy of values (n,) without NaN; nothing if there are none."""
+        """Append a copy of ``values`` (n,), which must not contain NaN; nothing if it is empty."""
         if values.size:
             self.append(values.copy())
 

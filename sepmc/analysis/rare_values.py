@@ -215,7 +215,8 @@ def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occu
     ----------
     values : sequence of RareValue
     counts : sequence of int
-        From `count_values` for these values; empty if there are no cases yet.
+        From `count_values` for these values: the number of cases, then a count for each value;
+        empty if there are no cases yet.
 
     Returns
     -------

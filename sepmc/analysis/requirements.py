@@ -390,7 +390,7 @@ def design_value(
 def no_verdict_reason(audit_failed: bool, sampler: str) -> str:
     """Return the reason why the cases of a run allow no verdict on any requirement; an empty string
     if they allow verdicts. ``audit_failed`` is True if an ok case is beyond a bound of the audit;
-    ``sampler`` is the value of ``run.sampler``."""
+    ``sampler`` is the value of ``run.sampler``: only "random" allows verdicts."""
     if audit_failed:
         return "the audit failed: some ok cases are beyond the bound of an audit column"
     if sampler != "random":

@@ -144,7 +144,8 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
 
 def _unit_left_out(name: str, columns: Mapping[str, str]) -> str:
     """Return the unit that an accepted ``name`` of an input leaves out, as ``deg`` for
-    ``initial.alpha``; an empty string for a name that leaves out none."""
+    ``initial.alpha``; an empty string for a name that leaves out none. ``columns`` maps accepted
+    names to columns (`filter_names`)."""
     stem = "in_" + name.replace(".", "_").replace("-", "_") + "_"
     return columns[name].removeprefix(stem) if columns[name].startswith(stem) else ""
 

@@ -32,7 +32,8 @@ def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
     -------
     str
         A line ``AUDIT FAILED`` for each column with cases beyond its bound; if there are none, one
-        sentence with the worst value of each column that has a bound.
+        sentence with the worst value of each column that has a bound, and another if roll and
+        pitch may have jumped. A line that says so if there is no ok case.
     """
     if not len(table) or table["case"].max() < 0:
         return "audit: no ok case to audit"
@@ -232,8 +233,9 @@ def column_groups(
 
 def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[str]]:
     """Return the columns of the comparison of one statistic, ``mean``, ``sigma``, ``min`` or
-    ``max``: reference (headed by its name ``source``), value of this run and deviation, as texts,
-    one per outcome. The reference keeps up to six digits."""
+    ``max``: reference (headed by its name ``source``), value of this run and deviation from the
+    reference (in its sigmas; of sigma in percent), as texts, one per outcome. The reference keeps
+    up to six digits."""
     reference = ["-" if np.isnan(value) else f"{value:.6g}" for value in stats[f"ref_{name}"]]
     values = [
         rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)

@@ -51,7 +51,7 @@ class _MomentAccumulator(Protocol):
 
 class _QuantileAccumulator(Protocol):
     def add(self, values: np.ndarray) -> None:
-        """Add values (n,) without NaN, in the order of their cases."""
+        """Add ``values`` (n,), which must not contain NaN, in the order of their cases."""
 
 
 class _BlockCounters:

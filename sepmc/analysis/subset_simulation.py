@@ -429,7 +429,7 @@ def _moved(
     level: int,
 ) -> tuple[ChainStates, float]:
     """Propose a conditional move of size ``step`` (d,), 0 to 1, for each of n chains, and accept
-    those whose margin reaches the threshold; such moves preserve the normal distribution.
+    those whose margin is at most the threshold; such moves preserve the normal distribution.
 
     ``noise`` (n, d) is standard normal. The cases run belong to the level after ``level``; those
     without a margin count as if it were ``worst``. Return the states after the move and the

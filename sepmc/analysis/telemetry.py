@@ -561,8 +561,8 @@ def _coarse_shift(
 
 
 def _run_times(time: np.ndarray, shifts: np.ndarray | float) -> np.ndarray:
-    """Return times by the flight's clock (m,) as times of the run: (m,) for one clock shift,
-    (n, m) for one of each case (n,), s."""
+    """Return times by the flight's clock (m,) as times of the run, the former minus the clock
+    shift: (m,) for one shift, (n, m) for one of each case (n,), s."""
     return time - shifts if np.ndim(shifts) == 0 else time - np.asarray(shifts)[:, None]
 
 

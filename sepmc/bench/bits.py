@@ -33,8 +33,9 @@ Trial = tuple[Callable[[], RowBatch], Callable[[RowBatch], RowBatch]]
 
 def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[str, Iterator[Trial]]:
     """Return the trials of each kind of change, by its description. A trial is a pair of functions:
-    one integrates cases under the change, the other selects from the results of all cases the rows
-    that must be equal to those of the first."""
+    the first, without arguments, integrates cases under the change and returns their results; the
+    second takes the results of all cases, integrated without it, and selects those of the same
+    cases, in the same order. Both must be equal."""
 
     def all_of(rows: RowBatch) -> RowBatch:
         """Return all rows."""

@@ -196,7 +196,7 @@ class SolverVariant:
     @property
     def setting(self) -> str:
         """Steps in words: the fixed step, as "step 0.01 s", or the number of steps in each segment,
-        as "steps 1 tp7 2 sharp9"."""
+        as "steps 1 2"; "steps 1 tp7 2 sharp9" if their methods differ."""
         if self.integration.step is not None:
             return f"step {self.integration.step:.4g} s"
         steps, names = self.integration.steps.tolist(), self.integration.method_names
