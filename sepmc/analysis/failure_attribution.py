@@ -346,6 +346,7 @@ def render_attribution(
     Returns
     -------
     str
+        A line that says so if there are no attributions.
     """
     if design in PATTERNS:
         return f"{what}: {_PATTERNED.format(design=design)}"

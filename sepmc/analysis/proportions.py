@@ -177,7 +177,7 @@ def required_cases(k: int, probability: float, confidence: float) -> int:
     -------
     n : int
         Smallest n with BinCDF(k; n, 1 - probability) <= 1 - confidence; for k = 0,
-        log(1 - confidence) / log(probability).
+        log(1 - confidence) / log(probability), rounded up.
     """
     risk, low, high = 1.0 - confidence, k, k + 1
     while binomial_cdf(k, high, 1.0 - probability) > risk:  # BinCDF falls with n

@@ -106,7 +106,8 @@ class QuantileSketch:
             return np.where(lower == upper, lower, lower + (position - rank) * (upper - lower))
 
     def ranked(self, ranks: np.ndarray) -> np.ndarray:
-        """Return the values (k,) at zero-based ranks (k,) in increasing order."""
+        """Return the values (k,) that have the zero-based ``ranks`` (k,) among all added values in
+        increasing order."""
         if self._grid is None:
             return order_statistics(self._buffer[: self._filled], ranks)
         self._count()

@@ -85,7 +85,8 @@ def rare_values(
     -------
     tuple of RareValue
         Every value of a probability below 1, then the pairs that the correlation makes more
-        probable than independence would.
+        probable than independence would, except those of two distributions that have more than
+        `_MAX_PAIRS` pairs of values.
     """
     discrete = [each if each.distribution == "discrete" else None for each in dispersions]
     result = [

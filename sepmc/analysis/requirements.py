@@ -42,7 +42,7 @@ Errors = Mapping[str, tuple[float, float]]
 
 def required_bounds(requirements: Sequence[Requirement]) -> dict[str, list[float]]:
     """Return, by outcome, the list of all lower and upper bounds that requirements set on it, in
-    its unit; the list is empty for a status."""
+    its unit. The list is empty for a status and for `VIOLATION`, which are keys as well."""
     bounds: dict[str, list[float]] = {}
     for item in requirements:
         own = [bound for bound in (item.at_least, item.at_most) if bound is not None]
@@ -54,7 +54,10 @@ class RequirementCounter:
     """Accumulator that counts the cases that violate a requirement; cases are added in case order.
 
     ``cases``, ``violations`` (unknown cases included) and ``missing`` (unknown cases) are counts.
-    Unknown cases did not finish or do not have the outcome.
+    Unknown cases did not finish or do not have the outcome. ``worst`` is the outcome nearest to or
+    furthest beyond the bound and its case (NaN, -1: none), ``first`` and ``first_unknown`` the
+    first case known to violate and the first unknown one (-1: none). ``others``, empty for any
+    other requirement, are the counters that one on `VIOLATION` combines.
     """
 
     def __init__(self, requirement: Requirement):
@@ -188,7 +191,8 @@ class RequirementCounter:
 
 
 def requirement_counters(requirements: Sequence[Requirement]) -> list[RequirementCounter]:
-    """Return an empty counter for each requirement, in their order."""
+    """Return an empty counter for each requirement, in their order; ``others`` of one on
+    `VIOLATION` are the counters of all requirements that are not on it."""
     counters = [RequirementCounter(item) for item in requirements]
     for counter in counters:
         if counter.requirement.metric == VIOLATION:
@@ -323,8 +327,8 @@ class Verdict:
     first_missing : int, optional
         First unknown case; None if there is none.
     nearest, error : float, optional
-        Smallest distance of a case from the bound, and the numerical error there; None where there
-        is none, as for `VIOLATION`.
+        Smallest distance of a case from a bound, on either side, and the numerical error of the
+        outcome at the bound; None where there is none, as for `VIOLATION`.
     """
 
     name: str
@@ -467,8 +471,8 @@ def _with_errors(
     counter: RequirementCounter, errors: Errors
 ) -> list[tuple[RequirementCounter, float]]:
     """Return (counter, numerical error at its bound) for each counter that a verdict depends on:
-    ``counter`` itself, or for `VIOLATION` those of the other requirements. The error is in the unit
-    of the outcome."""
+    ``counter`` itself, or for `VIOLATION` those of the other requirements, of which one is returned
+    if several have the same outcome and bounds. The error is in the unit of the outcome."""
     # requirements on the same bound count once
     distinct = {
         (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one

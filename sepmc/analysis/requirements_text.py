@@ -39,7 +39,8 @@ def render_verdicts(
 
 def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
     """Return a sentence for verdicts on the cases that a filter selects: how many more of them,
-    none violating, would show the requirements that are not shown. Empty if there are none."""
+    none violating, would show the requirements that are not shown. Empty if no verdict is
+    ``not shown``."""
     pending = [v for v in verdicts if v.verdict == NOT_SHOWN]
     if not pending:
         return ""

@@ -181,15 +181,17 @@ def leading_inputs(table: pd.DataFrame, count: int) -> pd.DataFrame:
 
 def order_description(table: pd.DataFrame, count: int) -> str:
     """Return in words the rule by which `leading_inputs` selects and orders the inputs, as ``by
-    first-order index (lower bound), then by shift of the mean``."""
+    first-order index (lower bound), then by shift of the mean``; ``count`` is its argument."""
     has_intervals = table["first_low"].notna().any()
     rule = f"by {'first-order index' if has_intervals else 'shift of the mean'} (lower bound)"
     return rule + ("" if len(table) <= count else ", then by shift of the mean")
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
-    """Set the columns ``rank``, ``rank_low``, ``rank_high`` and ``partial`` of ``table``, a row for
-    each of d inputs, from the inputs ``x`` (d, n) and the outcome ``y`` (n,)."""
+    """Set the columns ``rank``, ``rank_low``, ``rank_high`` (rank correlation and the ends of its
+    95 % interval) and ``partial`` (partial rank correlation; not set if inputs determine each
+    other) of ``table``, a row for each of d inputs, from the inputs ``x`` (d, n) and the outcome
+    ``y`` (n,)."""
     # as scipy.stats.rankdata, which takes 1 s to import
     ranks = pd.DataFrame(np.vstack([x, y]).T).rank()
     correlation = np.corrcoef(ranks.to_numpy().T)

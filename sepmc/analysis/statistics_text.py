@@ -130,7 +130,7 @@ def render_summary(
 
 def tail_note(stats: pd.DataFrame) -> str:
     """Return a sentence on where the extreme percentiles of outcomes with fewer than 741 values
-    lie; empty if all outcomes that vary have more."""
+    lie; empty if all outcomes that vary have at least 741, or none."""
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
     if not varied["n"].between(1, _TAIL_CASES - 1).any():
         return ""
@@ -178,7 +178,7 @@ def _are_proportions(stats: pd.DataFrame) -> np.ndarray:
 
 def render_proportions(stats: pd.DataFrame) -> list[str]:
     """Render each yes-or-no outcome of a table of `statistics` as a line: number of cases in which
-    it occurs, and 95 % interval of its probability."""
+    it occurs, and 95 % interval of its probability (one-sided if it occurs in none)."""
     lines, table = [], stats[_are_proportions(stats)]
     for name, n, mean in zip(table.index, table["n"], table["mean"], strict=True):
         k = round(n * mean) if n else 0
@@ -199,6 +199,7 @@ def column_groups(
     """Return the columns of the main table of outcomes as groups to be kept together.
 
     Each group is (heading, {column: its cells as text, one per outcome}); some headings are empty.
+    A constant outcome has ``constant`` in place of its sigma.
     ``stats`` is a table of `statistics`; ``units``, if given, adds a column of units.
     """
     stats = constant_outcomes.with_constant_values(stats)

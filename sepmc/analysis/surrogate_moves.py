@@ -57,7 +57,7 @@ class Coordinates:
 
     def scores(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the scores (n, d) of coordinates ``values`` (n, d), and a mask (n,) that is True
-        where all d scores are between -5 and 5."""
+        where all d scores are between -5 and 5; the score of a value beyond is -5 or 5."""
         knots, table = self.knots(), self._values
         within = ((values > table[0]) & (values < table[-1])).all(axis=1)
         columns = [np.interp(v, table[:, k], knots) for k, v in enumerate(values.T)]

@@ -54,7 +54,7 @@ class Channel:
 
     @property
     def is_angle(self) -> bool:
-        """True if values that differ by full turns mean the same."""
+        """True if the unit is deg: values that differ by full turns then mean the same."""
         return self.unit == "deg"
 
 
@@ -350,7 +350,8 @@ def _continuous(histories: Histories, channels: Sequence[Channel]) -> Histories:
 
 def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
     """Return for each channel the scale of its differences, in its unit: the root of the sum of the
-    squares of the spread of the cases (rms over time) and of the noise of the channel."""
+    squares of the spread of the cases (rms over time) and of the noise of the channel, but at least
+    1e-9 of the largest absolute value of the cases; 1 if that is 0."""
     scales = []
     for i, channel in enumerate(channels):
         values = histories.values[:, i]

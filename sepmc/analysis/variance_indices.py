@@ -173,8 +173,8 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
         changed = np.where(np.arange(len(x))[:, None] == k, last, first)
         if not (x[:, :, k + 1] == changed).all():
             raise ValueError(
-                "the inputs of the cases are not those of a Saltelli design, as if run.samples "
-                "gave some of them"
+                "the inputs of the cases are not those of a Saltelli design, perhaps because "
+                "run.samples gives some of them"
             )
     whole = np.isfinite(y).all(axis=1)
     n_left_out = len(y) - int(whole.sum())

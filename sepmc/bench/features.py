@@ -82,9 +82,11 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
-    """Count the operations of each variant, several at once; equal kernels are counted once. Return
-    an entry for each variant, None if it is not counted: none with the full formulation, only the
-    whole scene and that without an atmosphere if the study is quick."""
+    """Count the operations of each variant, several in parallel; equal kernels are counted once.
+
+    Return an entry for each variant, None if it is not counted: none is with the full formulation,
+    only the whole scene and that without an atmosphere are if the study is quick, and the scene
+    with histories is never."""
     # its elimination is in loops, whose code does not show the number of iterations
     if study.formulation == FULL:
         return [None] * len(variants)
@@ -151,9 +153,9 @@ def _has_same_segments(study: Study, campaign: Campaign) -> bool:
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
-    """Return the whole scene, then a variant without each of its features, and last one with
-    histories in steps of ``history_step``, s (0: a default). A feature without which the scene is
-    invalid, or has other segments, is reported and left out."""
+    """Return the whole scene, then a variant without each of its features, and last, if it has
+    joints, one with histories in steps of ``history_step``, s (0: a default). A feature without
+    which the scene is invalid, or has another number of segments, is reported and left out."""
     scene = study.campaign.scene
     variants = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
     tables = tuple(f"body.{b}.aerodynamics" for b, body in scene.body.items() if body.aerodynamics)

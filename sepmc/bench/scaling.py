@@ -34,8 +34,8 @@ def measure(study: Study) -> pd.DataFrame:
 
 
 def _by_cases(study: Study) -> list[dict[str, Any]]:
-    """Time campaigns of more and more cases, up to the first number that would take too long;
-    return a table row (values by column) for each."""
+    """Time campaigns of more and more cases, and end before the first number that would take too
+    long; return a table row (values by column) for each campaign that was run."""
     rows = []
     tree, name = study.campaign.file.tree, study.campaign.name
     seconds_per_case = 0.0  # s a case, of the size before
