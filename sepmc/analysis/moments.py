@@ -54,8 +54,8 @@ class GroupList(list[Group]):
     """Groups of values of one outcome, to be merged into a `Moments` in this order."""
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Append the group of values (n,) without NaN and their case numbers (n,), in increasing
-        order; nothing if there are no values."""
+        """Append the group of values (n,), which must not contain NaN, and their case numbers (n,),
+        in increasing order; nothing if there are no values."""
         if x.size:
             self.append(Group.of(x, numbers))
 
@@ -79,8 +79,8 @@ class Moments:
         self._scale = self._mean = self._m2 = self._m3 = self._m4 = 0.0
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Add a group of values (n,) without NaN and their case numbers (n,), in increasing order
-        and above those already added."""
+        """Add a group of values (n,), which must not contain NaN, and their case numbers (n,), in
+        increasing order and above those already added."""
         if x.size:
             self.merge(Group.of(x, numbers))
 

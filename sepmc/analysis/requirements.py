@@ -54,7 +54,8 @@ class RequirementCounter:
     """Accumulator that counts the cases that violate a requirement; cases are added in case order.
 
     ``cases``, ``violations`` (unknown cases included) and ``missing`` (unknown cases) are counts.
-    Unknown cases did not finish or do not have the outcome. ``worst`` is the outcome nearest to or
+    Unknown cases did not finish or do not have the outcome; for a requirement on a status, those
+    that ended with neither ``ok`` nor this status. ``worst`` is the outcome nearest to or
     furthest beyond the bound and its case (NaN, -1: none), ``first`` and ``first_unknown`` the
     first case known to violate and the first unknown one (-1: none). ``others``, empty for any
     other requirement, are the counters that one on `VIOLATION` combines.
@@ -88,7 +89,8 @@ class RequirementCounter:
         Returns
         -------
         violates, unknown : ndarray, shape (n,), bool
-            Masks of cases that certainly violate, and of unknown ones; no case is in both.
+            Masks of cases that certainly violate, and of unknown ones (see `RequirementCounter`);
+            no case is in both.
         """
         self.cases += len(numbers)
         if values is None:
@@ -274,7 +276,8 @@ def violation_masks(
     -------
     violates, known : ndarray, shape (n_cases,), bool
         ``violates`` has a meaning only where ``known`` is True: a case that did not finish may have
-        a value beyond the bound.
+        a value beyond the bound. For a status all cases are known: unlike in `RequirementCounter`,
+        one that ended with another status does not violate.
     """
     if requirement.metric == VIOLATION:
         masks = [violation_masks(item, cases) for item in others if item.metric != VIOLATION]
@@ -307,7 +310,8 @@ class Verdict:
         Cases, violations among them (unknown cases included), and allowed violations (-1: too few
         cases to pass).
     missing, lacking : int
-        Unknown cases, which did not finish or do not have the outcome; those of them that finished.
+        Unknown cases, which did not finish or do not have the outcome (for a status: ended with
+        neither ``ok`` nor this status); those of them that finished.
     more : int
         Further cases, none of them violating, with which the requirement would pass; 0 if
         ``violations`` is at most ``allowed``.

@@ -46,7 +46,8 @@ MAX_NAMED = 20  # failed cases listed per status
 
 class _MomentAccumulator(Protocol):
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Add values (n,) without NaN and their case numbers (n,), in increasing order."""
+        """Add values (n,), which must not contain NaN, and their case numbers (n,), in increasing
+        order."""
 
 
 class _QuantileAccumulator(Protocol):

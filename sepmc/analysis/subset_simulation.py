@@ -369,8 +369,9 @@ def _levels(
     """Find thresholds and step sizes with trial chains of ``size`` cases in each level; a case has
     ``dimensions`` scores.
 
-    The first level has independent cases; at most ``depth`` levels follow. Cases without a margin
-    count as if their margin were ``worst``.
+    The first level has independent cases; at most ``depth`` levels follow, none after a level of
+    which a tenth of the cases counts as violating, or below which no threshold is found. Cases
+    without a margin count as if their margin were ``worst``.
     """
     states = counter.evaluate(random.standard_normal((size, dimensions)), 0, np.arange(size))
     thresholds: list[float] = []

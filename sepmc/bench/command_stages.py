@@ -99,9 +99,12 @@ def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
 
 
 def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
-    """Run a campaign in this fresh process and return the time of each of its stages by name, s;
-    imports are timed in another process. The run is written to the subfolder ``stages`` of
-    ``folder``."""
+    """Run a campaign in this fresh process and return the time of each of its stages by name, s.
+
+    The stages are ``import`` (timed in another process), ``load kernel`` (from the cache), ``select
+    steps`` (anew), ``load steps`` (from the cache), ``sample``, ``kernel``, ``write`` and
+    ``statistics``. The run is written to the subfolder ``stages`` of ``folder``.
+    """
     times = {"import": import_seconds()}
     campaign = load(file)
     history = campaign.scene.run.history_step > 0.0

@@ -208,8 +208,8 @@ class SolverVariant:
 
     @property
     def evaluations(self) -> int:
-        """Approximate number of evaluations of a case; with a fixed step only proportional to
-        it."""
+        """Approximate number of derivative evaluations of a case; with a fixed step only
+        proportional to it."""
         return self.integration.evaluations
 
     def by_formulation(self, study: Study, other: str) -> "SolverVariant":
