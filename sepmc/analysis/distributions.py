@@ -200,6 +200,7 @@ def render_fits(
     Returns
     -------
     str
+        The nearest distribution is ``none (NAME)`` if its p value is at most `LEVEL`.
     """
     rows = [["outcome", "unit", "skewness", "kurtosis", "normal, p", "nearest distribution", "p"]]
     for end in ENDS:

@@ -126,7 +126,7 @@ class StoppingRule:
             Statistics of the cases so far, such as `StreamingStatistics`.
         looks : int
             Largest number of checks in the run; the interval of each has the confidence with which
-        all of them together are right with 95 % (`raised`).
+            all of them together are right with 95 % (`raised`).
         occurred : sequence of Occurrence
             Number of occurrences in these cases of each value of the discrete distributions.
         spread : float

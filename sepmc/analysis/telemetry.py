@@ -351,7 +351,7 @@ def _continuous(histories: Histories, channels: Sequence[Channel]) -> Histories:
 def _scales(channels: Sequence[Channel], histories: Histories) -> list[float]:
     """Return for each channel the scale of its differences, in its unit: the root of the sum of the
     squares of the spread of the cases (rms over time) and of the noise of the channel, but at least
-    1e-9 of the largest absolute value of the cases; 1 if that is 0."""
+    1e-9 of the largest absolute value of the cases; 1 if all of these are 0."""
     scales = []
     for i, channel in enumerate(channels):
         values = histories.values[:, i]
