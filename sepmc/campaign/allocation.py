@@ -233,16 +233,20 @@ def _propose(
     seed: int,
     threads: int | None,
 ) -> tuple[list[Dispersion], FreshVerdict | None]:
-    """Choose how many of the ``candidates`` to scale by ``factor``, by runs with other seeds.
+    """Choose how many of the ``candidates``, in their order, to scale by ``factor``, by runs with
+    other seeds.
 
-    The number is searched by bisection, in at most `MAX_TRIES` runs of ``cases`` cases, each with a
-    seed of its own above ``seed``. If the campaign passes and no other run shows all requirements,
-    the last run scales nothing; so does the only run if there are no candidates.
+    If the campaign ``passes``, the largest number is searched with which a run still shows all
+    requirements (``factor`` is above 1), else the smallest number with which a run shows them
+    (below 1). The search is a bisection that begins with all candidates, in at most `MAX_TRIES`
+    runs of ``cases`` cases, each with a seed of its own above ``seed``. If the campaign passes and
+    no run shows all requirements before the last allowed one, the last run scales nothing; so does
+    the only run if the campaign passes and there are no candidates.
 
     Returns
     -------
     scaled : list of Dispersion
-        Scaled inputs of the last run that shows all requirements, or of the last run if none does.
+        Inputs scaled in the last run that shows all requirements, or in the last run if none does.
     verdict : FreshVerdict or None
         Verdicts of that run; None if the campaign does not pass and has no candidates, as then
         nothing is run.

@@ -135,8 +135,9 @@ class CaseSelection:
 
 
 def parse(text: str) -> CaseSelection:
-    """Return the selection that a text describes: case numbers, ``25:50,73``, or a number N of
-    cases, 0 to N - 1. Raises InputError if the text is neither."""
+    """Return the selection that a text describes: case numbers, ``25:50,73`` (25 to 49, and 73),
+    or a number N of cases from 1, which selects 0 to N - 1. Raises InputError if the text is
+    neither."""
     selection = read(text)
     return CaseSelection.first(selection) if isinstance(selection, int) else selection
 

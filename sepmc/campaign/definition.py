@@ -523,8 +523,9 @@ class Definition:
         return self.scene.run.seed if seed is None else check_int("seed", seed, 0, SEED)
 
     def implausible_inertias(self, inputs: np.ndarray) -> int:
-        """Count cases in which the inertia tensor of a body is positive but breaks the triangle
-        inequality, so that no solid body can have it. Only bodies with dispersed inertia count.
+        """Count cases in which the inertia tensor of a body is positive definite but breaks the
+        triangle inequality, so that no solid body can have it. Only bodies with dispersed inertia
+        count.
 
         Parameters
         ----------

@@ -98,7 +98,7 @@ def _range(key: str, ends: Any) -> tuple[float, float]:
         reason = f"must be the lowest and the highest value, as in {_EXAMPLE}"
         raise InputError(f"vary, {key} = {shorten(ends)}: {reason}") from None
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"vary, {key} = ({low:g}, {high:g}): must be finite, lowest value first")
+        raise InputError(f"vary, {key} = ({low:g}, {high:g}): must be finite and rising")
     return low, high
 
 
@@ -148,8 +148,11 @@ class DesignBox(Definition):
 
     @classmethod
     def of(cls, campaign: Any, vary: Any) -> "DesignBox":
-        """Make the box of a campaign for the ranges ``vary``, as in `design_variables`. Raises
-        InputError or SceneError if a design is not valid or the designs cannot share a kernel."""
+        """Make the box of a campaign for the ranges ``vary``, as in `design_variables`.
+
+        It is built from the designs with all variables at their low ends, at their high ends and
+        half way, and with each variable alone at its high end. Raises InputError or SceneError if
+        one of these is not a valid campaign or the designs cannot share a kernel."""
         variables = design_variables(campaign, vary)
         low, high, middle = (
             _at_end(campaign, {v.key: v.at(share) for v in variables}, end)

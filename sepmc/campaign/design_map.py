@@ -168,8 +168,9 @@ def map_designs(
 
 
 def look_sizes(cases: int, max_cases: int | None) -> tuple[int, ...]:
-    """Return the numbers of cases of a design, look by look: ``cases``, then twice as many each
-    time, up to ``max_cases``; only ``cases`` if it is None. Raises InputError if it is smaller."""
+    """Return the total number of cases of a design at each look: ``cases``, then twice the number
+    before, the last one ``max_cases``. Only ``cases`` is returned if ``max_cases`` is None. Raises
+    InputError if ``max_cases`` is smaller than ``cases``."""
     if max_cases is None:
         return (cases,)
     if max_cases < cases:

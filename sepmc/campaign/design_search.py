@@ -176,7 +176,8 @@ class DesignSearch:
 
     @property
     def searched(self) -> pd.DataFrame:
-        """Table of all designs run so far: values by TOML path, costs, and ``margin``."""
+        """Table of all designs run so far, for all fractions: values by TOML path, costs, and
+        ``margin``, the smallest over the requirements, as in `_run`."""
         frames = [frame for each in self._searched.values() for frame in each]
         return pd.concat(frames, ignore_index=True)
 
@@ -314,10 +315,12 @@ class DesignSearch:
     def _by_root(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
         """Refine the search of one variable from the cheapest accepted design in ``table``.
 
-        Run the cheapest design between its two neighbours. If that one is not accepted, find the
-        border of the accepted designs between both, by the Illinois method, and by bisection where
-        that converges slowly. Results are stored by ``run``; without an accepted design nothing is
-        done."""
+        The costs of a design are known without a run. If a design between the two neighbours of
+        that one in ``table`` costs less, the cheapest of them is run. If it is not accepted, the
+        border of the accepted designs between it and the accepted one is searched, by the Illinois
+        method, and by bisection where that converges slowly. Results are stored by ``run``, and
+        nothing is returned. Without an accepted design nothing is run. A design is accepted if its
+        ``margin`` is not negative."""
         (variable,) = self.variables
         table = table.drop_duplicates(variable.key).sort_values(variable.key)
         x, margin = (table[name].to_numpy(float) for name in (variable.key, "margin"))

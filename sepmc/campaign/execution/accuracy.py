@@ -330,7 +330,8 @@ class AchievedAccuracy:
 
     @property
     def worst(self) -> tuple[str, float]:
-        """Name and relative error of the outcome with the largest error, without `positions`."""
+        """Name and relative error of the outcome with the largest error; those in `positions` are
+        left out unless there are no others."""
         return _largest(
             {name: error for name, error in self.errors.items() if name not in self.positions}
             or self.errors

@@ -27,9 +27,9 @@ class _Way:
     """Kernel and arrays with which `BatchHistories` integrates cases.
 
     ``steps`` and ``durations`` (segments,) are the number of steps and the typical duration, s, of
-    each segment. ``instants`` (m, 3) has the time, s, the segment and the side (0) of each history
-    row that the kernel writes: all times in the first segment, then all in the second, ..., as the
-    segment of a case at a time is not known before.
+    each segment. ``instants`` (m, 3) has the time, s, the segment and a 0, as in
+    `integrate_histories`, of each history row that the kernel writes: all times in the first
+    segment, then all in the second, ..., as the segment of a case at a time is not known before.
     """
 
     kernel: Kernel
@@ -110,11 +110,13 @@ class BatchHistories:
                 self._select_steps(campaign.in_si(trials), np.asarray(tolerances))
 
     def _select_steps(self, trials: np.ndarray, tolerances: np.ndarray) -> None:
-        """Double the steps until that changes the histories of the trial cases by no more than the
-        tolerances, or a segment has 1,024 steps. Sets steps and durations of this object, and
-        `error`.
+        """Double the steps until the root mean square over time of the change by the last doubling
+        is within the tolerance in each column of each trial case, and the kernel rejects fewer
+        than half of these cases; or until a segment has 1,024 steps. Sets steps and durations of
+        this object, and `error`, the largest such change as a multiple of its tolerance.
 
-        ``trials`` (k, d) are inputs, SI; ``tolerances`` (c,) are allowed errors by column.
+        ``trials`` (k, d) are inputs, SI; ``tolerances`` (c,) are allowed errors by column, in the
+        units of the columns.
         """
         before = None
         while True:

@@ -79,7 +79,8 @@ class Estimate:
         leading : ndarray, shape (o,)
             Result of `of_leading` for these cases.
         largest : ndarray, shape (g,)
-            Largest value of each indicator over these cases; may be empty for no cases.
+            Largest value of each indicator over these cases; empty if there are no cases, and then
+            ``leading`` is returned.
 
         Returns
         -------

@@ -77,7 +77,8 @@ class LimitState:
         """Margin of each case: positive within the bound, negative beyond it.
 
         It is NaN for a case that is not ok or does not have the outcome. The margin of a
-        requirement on contact is the clearance; it is negative if there was contact.
+        requirement on contact is the clearance; it is negative if there was contact, and infinite
+        if the clearance has no value although contact is known.
 
         Parameters
         ----------
@@ -294,10 +295,12 @@ class RareValue:
 def rare_discrete_values(
     evaluator: MarginEvaluator, random: np.random.Generator
 ) -> list[RareValue]:
-    """Run 64 cases at each value of a discrete distribution that is less probable than 1 %, and
-    return these values, each with the fraction of its cases that violate.
+    """Run 64 cases at each value that a discrete distribution gives a probability below 1 %, and
+    return all these values, each with the fraction of its cases that violate the requirement or
+    have no margin.
 
-    The other inputs are sampled by ``random``. Correlated parameters are left out.
+    The other inputs are sampled by ``random``. Values of probability 0 and correlated parameters
+    are left out.
     """
     dispersions, values = evaluator.campaign.file.dispersions, []
     correlated = {index for copula in evaluator.campaign.file.copulas for index in copula.places}

@@ -24,11 +24,11 @@ _FREE = "free"
 
 
 def expected_events(campaign: Definition) -> dict[str, str]:
-    """For each event that is expected by the campaign file, the name of the outcome column with its
-    time.
+    """For each event that the campaign file defines, the name of the outcome column with its time.
 
-    The keys are ``joint.NAME`` (the joint becomes free), ``joint.NAME.KIND`` (it is released to
-    another kind), ``event.NAME``, ``motor.NAME`` and ``spring.NAME``.
+    Optional releases are included. The keys are ``joint.NAME`` (the joint becomes free),
+    ``joint.NAME.KIND`` (it is released to another kind), ``event.NAME``, ``motor.NAME`` (ignition,
+    if it waits for an event) and ``spring.NAME`` (the end of its stroke).
     """
     contents = campaign.layout.contents
     releases, freed = release_columns(contents), set(_released_joints(campaign.scene))

@@ -168,7 +168,7 @@ def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[
 
 def _differences(campaign: Definition, folder: Path) -> str:
     """Sentence for a message: keys in which a campaign differs from that stored in a run folder, at
-    most eight of them."""
+    most eight of them; or that the stored file cannot be read or was changed, if no key differs."""
     try:
         other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:

@@ -264,11 +264,12 @@ class _SingleRun:
         )
 
     def _measure_durations(self, steps: np.ndarray) -> np.ndarray | None:
-        """Measure the durations of segments, if the file gives the step, in integrations with more
-        steps than ``steps`` (segments,).
+        """Measure the durations of the segments of a case whose step the file gives.
 
-        The durations are stored in this object. Returns the outcomes of the last integration, SI;
-        None if the case does not reach its end in it.
+        The case is integrated with twice the ``steps`` (segments,), then with 16 and 128 times as
+        many while the kernel asks for smaller steps and that is not too many. The durations are
+        stored in this object. Returns the outcomes of the last integration, SI; None if the case
+        does not reach its end in it.
         """
         solver, max_steps = (
             self.layout.scene.solver,
@@ -472,7 +473,8 @@ class _SingleRun:
 
     def _compile_for(self, steps: float) -> None:
         """Compile the kernel (`_compile`) if ``steps``, the largest number of steps of a segment,
-        is more than plain Python takes (2,048). Raises UnknownError if that is not allowed."""
+        is more than plain Python takes (2,048). Raises UnknownError if the case needs it but
+        compiling is not allowed."""
         if steps > _MAX_PLAIN_STEPS and not self.compiled:
             self._compile()
 
