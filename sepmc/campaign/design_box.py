@@ -249,8 +249,9 @@ def _at_end(campaign: Any, design: Settings, end: str) -> Any:
 
 def _extent(low: Dispersion, high: Dispersion) -> list[float]:
     """Return the lowest and highest value, in the unit of its key, of a dispersed parameter whose
-    nominal is varied: the 0.1 and 99.9 % quantiles of ``low`` and ``high``, its distributions at
-    the ends of the design variable."""
+    nominal is varied, over the 0.1, 50 and 99.9 % quantiles of ``low`` and ``high``, its
+    distributions at the ends of the design variable. Quantiles in unlimited tails that the key does
+    not allow are left out."""
     u = np.array([_TAIL, 0.5, 1.0 - _TAIL])
     values = np.concatenate([quantile(low, u), quantile(high, u)])
     values = values[low.allowed(values)] if low.has_tails else values

@@ -279,7 +279,10 @@ class DesignSearch:
 
     def _violations(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return a mask (m, cases), True where a case of one of m designs violates a requirement.
-        A case without a result counts as a violation, as in a verdict.
+
+        As in a verdict, a case counts as a violation of a requirement on an outcome if it is not
+        ok or does not have the outcome, of one on a status if it is not ok, and of one on
+        violations if it violates any of the others.
 
         ``columns`` has the arrays (m, cases) of ``status`` and of outcomes by name.
         """

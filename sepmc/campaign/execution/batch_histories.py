@@ -65,7 +65,8 @@ class BatchHistories:
     tolerances : sequence of float
         For each column, the allowed root mean square over time of its numerical error, in its unit.
     trials : ndarray, shape (k, d)
-        Inputs, in the units of the file, of the cases that the steps are selected with.
+        Inputs, in the units of the file, of the cases that the steps are selected with; only the
+        first 64 are used.
     threads : int, optional
         Number of threads; all if None.
     announce : Log, optional
@@ -149,7 +150,8 @@ class BatchHistories:
         -------
         ndarray, shape (n, c, t)
             Values of the c columns at the t times, in the units of the columns. NaN at times after
-            the end of a case, and in all values of a case without a valid result.
+            the end of a case, and in all values of a case whose status is neither ok nor
+            never-released.
         """
         return self.of_samples(self._campaign.in_si(inputs))
 

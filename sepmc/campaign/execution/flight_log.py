@@ -89,7 +89,8 @@ class FlightLog:
 
     def add(self, margin: np.ndarray, rows: np.ndarray, summary: BatchSummary) -> None:
         """Append a completed batch, margins (n,) and rows (n, k), to the log; ``summary`` is of all
-        cases so far. Batches are collected in memory and written every ten seconds."""
+        cases so far. Batches are collected in memory and written every ten seconds, or earlier if
+        they are large."""
         self._pending.append((margin, rows))
         self.summary = summary
         n_numbers = sum(rows.size for _, rows in self._pending)

@@ -380,8 +380,9 @@ def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
 def _apply_estimate(
     campaign: Definition, flight: Integration, block: Block, is_calibrated: np.ndarray
 ) -> RefinementSummary:
-    """Write the estimated error of the cases in ``is_calibrated`` (n,) into the column ``error`` of
-    ``block``; return the summary of those whose error is within the limit of ``flight``."""
+    """Write the estimated error of the cases in ``is_calibrated`` (n,) that have outcomes into the
+    column ``error`` of ``block``; return the summary of those whose error is within the limit of
+    ``flight``. Without an error estimate nothing is written, and the summary is empty."""
     empty = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
     if flight.estimate is None:
         return empty

@@ -143,8 +143,10 @@ def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
 def worst_case(
     summary: TableStatistics | StreamingStatistics, campaign: Definition, errors: dict, query: str
 ) -> tuple[int, str]:
-    """Worst case of a requirement: the one with the smallest margin or, if it is on a 1-or-0
-    outcome, a status or a violation, the first case that violates it.
+    """Worst case of a requirement: the ok case with the smallest margin.
+
+    If the requirement is on a 1-or-0 outcome, a status or violations, or no case has its outcome,
+    it is the first case that violates it, or else the first one whose result is unknown.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ def worst_case(
     Raises
     ------
     InputError
-        If no requirement has this name or metric, or no case violates it.
+        If no requirement has this name or metric, or there is no such case.
     """
     names = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
     audited, sampler = summary.audit(), campaign.scene.run.sampler

@@ -248,8 +248,9 @@ class _SingleRun:
         return self._with_error(result, error)
 
     def _with_error(self, result: SingleCase, error: np.ndarray) -> SingleCase:
-        """Copy of ``result`` with the relative errors ``error`` (o,) of its outcomes. The largest
-        one of a decisive outcome is also written into the audit column ``error``, in place."""
+        """Copy of ``result`` with the relative errors ``error`` (o,) of its outcomes. If the case
+        reached its end, the largest one of a decisive outcome is also written into the audit column
+        ``error`` of the outcomes, which both share."""
         if result.status <= Status.NEVER_RELEASED:
             result.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
         return replace(result, error=error)
@@ -418,8 +419,9 @@ class _SingleRun:
 
     def _last_completed(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Result of `_converged_steps` for a case that may execute no more lines: steps
-        (segments,), relative errors (o,) and a note, of the last integration that reached its end.
-        Raises _RejectedError if none did."""
+        (segments,) of the last integration that reached its end, relative errors (o,), which are
+        its changes from the integration before (infinite if there was none), and a list with one
+        note. Raises _RejectedError if no integration reached its end."""
         advice = "; to continue, give solver.step_s or a larger solver.accuracy"
         if not self.completed:
             self.spent_note = (
