@@ -72,7 +72,7 @@ class RareEventEstimate:
     interval : (float, float)
         95 % confidence interval of the probability.
     unknown : float
-        Probability that a case does not reach its end or does not have the outcome.
+        Probability that a case is not ok (see ``statuses``) or does not have the outcome.
     bounds : (float, float)
         Low end of the interval if no unknown case violates, and high end if all of them do.
     replicas : tuple of float

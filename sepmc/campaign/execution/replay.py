@@ -51,8 +51,9 @@ class RowComparison:
 
 
 def earlier_integration(campaign: Definition, log: Log | None = None) -> Integration | None:
-    """Kernel and steps that the run of a campaign used; None if its kernel is not in the cache of
-    compiled kernels, so that nothing is compiled here. ``log`` receives messages on calibration."""
+    """Kernel and steps that the run of a campaign used, selected again by the same calibration; None
+    if its kernel is not in the cache of compiled kernels, so that nothing is compiled here. ``log``
+    receives messages on calibration."""
     history = campaign.has_histories
     if units_to_compile(kernel_text(campaign, history=history))[0]:
         return None

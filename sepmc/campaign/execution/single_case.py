@@ -187,6 +187,10 @@ class _SingleRun:
     ``steps`` (segments,) always are numbers of steps, not their lengths: one for each segment of
     the kernel, that is a phase or a part of one. If the file gives the step, each is the number of
     steps that a given step is divided into. o is the number of outcomes.
+
+    ``row_interval_s`` is the interval of history rows, s. ``work`` counts the lines that all kernel
+    variants execute for this case. If ``may_compile`` is False, UnknownError is raised where a
+    compiled kernel would be needed.
     """
 
     def __init__(
