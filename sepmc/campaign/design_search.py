@@ -265,9 +265,9 @@ class DesignSearch:
 
     def _scaled_margins(self, item: Requirement, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the margins (m, cases) of the cases of m designs to the nearer bound of a
-        requirement, negative beyond it; minus infinity for a case without the outcome. They are
-        divided by the standard deviation that they had in the first call for this requirement.
-        ``columns`` is as for `_violations`."""
+        requirement, negative beyond it; minus infinity for a case that is not ok or does not have
+        the outcome. They are divided by the standard deviation that they had in the first call
+        for this requirement. ``columns`` is as for `_violations`."""
         values = margins(columns[item.metric], item)
         known = (columns["status"] == Status.OK) & ~np.isnan(values)
         values = np.where(known, values, -np.inf)

@@ -57,8 +57,8 @@ class Estimation:
         ``std_ratio``, posterior over prior (NaN of a constant); ``effective_cases``, number of
         independent cases whose mean would be as certain.
     correlations : list of (str, str, float)
-        Pairs of parameters with strongly correlated posterior: two names, and the correlation of
-        their normal scores.
+        Pairs of parameters or delays with strongly correlated posterior, the strongest first: two
+        names, and the correlation of their normal scores, at least `CORRELATED` in absolute value.
     inputs : DataFrame
         Sample of the posterior, a row per case: inputs by column, in the units of the file.
     sample : PosteriorSample
@@ -377,8 +377,9 @@ class Model:
         return delays
 
     def correlations(self, scores: np.ndarray) -> list[tuple[str, str, float]]:
-        """Return the strong correlations of a posterior sample ``scores`` (n, dimensions), the
-        strongest first: names of two parameters or delays, and the correlation of their scores."""
+        """Return the correlations of a posterior sample ``scores`` (n, dimensions) of at least
+        `CORRELATED` in absolute value, the strongest first: names of two parameters or delays, and
+        the correlation of their scores."""
         spread = scores.std(axis=0) > 0.0
         with np.errstate(invalid="ignore", divide="ignore"):
             matrix = np.corrcoef(scores, rowvar=False).reshape(2 * (self.dimensions,))
@@ -394,7 +395,8 @@ class Model:
 
 def _tolerance(channel: MeasuredChannel) -> float:
     """Return the numerical error, root mean square in the unit of the column, that hardly changes
-    the likelihood of a channel."""
+    the likelihood of a channel: `_NUMERICAL` times its smallest sigma over the square root of the
+    number of its samples."""
     return float(_NUMERICAL * channel.sigma.min() / math.sqrt(len(channel.time)))
 
 

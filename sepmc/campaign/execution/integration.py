@@ -327,8 +327,8 @@ def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
 
 
 def history_rows(scene: Scene) -> int:
-    """Number of rows of the stored history of a case, from ``run.history_step_s`` and the end
-    time."""
+    """Number of rows of the stored history of a case, from ``run.history_step_s``, which must be
+    above 0, and the end time."""
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 

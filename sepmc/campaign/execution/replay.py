@@ -29,7 +29,8 @@ class RowComparison:
         False if the case was not run again, as the campaign's kernel is not in the cache of
         compiled kernels.
     columns : tuple of str
-        Names of the columns whose values differ in any bit; empty if the rows are the same.
+        Names of the columns whose values differ in any bit, and ``status`` if it differs; empty if
+        the rows are the same.
     """
 
     number: int
@@ -51,8 +52,8 @@ class RowComparison:
 
 
 def earlier_integration(campaign: Definition, log: Log | None = None) -> Integration | None:
-    """Kernel and steps that the run of a campaign used, selected again by the same calibration; None
-    if its kernel is not in the cache of compiled kernels, so that nothing is compiled here. ``log``
+    """Kernel and steps that the run of a campaign used, selected again by its calibration; None if
+    the kernel is not in the cache of compiled kernels, so that nothing is compiled here. ``log``
     receives messages on calibration."""
     history = campaign.has_histories
     if units_to_compile(kernel_text(campaign, history=history))[0]:

@@ -351,7 +351,8 @@ class _SingleRun:
     ) -> SingleCase:
         """Integrate with ``steps`` (segments,); return the result with its history and ``notes``.
 
-        With a ``forced_status`` the result has that status and NaN outcomes; without one,
+        With a ``forced_status`` the result has that status and NaN outcomes, but its audit columns
+        stay; without one,
         _RejectedError is raised if the kernel rejects the case.
         """
         scene = self.layout.scene
@@ -456,10 +457,12 @@ class _SingleRun:
 
     def _try_steps(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
         """Integrate the case with ``steps`` (segments,), the number of steps of each segment, by
-        the compiled kernel if they are many; return its outcomes (o,), SI, and its status.
+        the compiled kernel if they are many; return its outcomes (o,), SI, and its status, which is
+        FINER_STEPS if smaller steps are needed.
 
         An integration that reached its end is appended to ``completed``. Raises _RejectedError if
-        the steps are too many or the case needs another kernel variant, UnknownError if the kernel
+        the steps are too many, the case needs another kernel variant, or it needs smaller steps
+        after many steps and another variant may do without; UnknownError if the kernel
         has to be compiled but may not be, _SpentError if the case may execute no more lines.
         """
         if steps.max() > _MAX_STEPS:
