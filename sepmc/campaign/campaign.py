@@ -263,7 +263,9 @@ class Campaign(Definition):
         halved until two halvings in a row change no outcome by more than ``solver.accuracy``; a
         case that does not converge within the allowed work gets a note. The kernel runs in plain
         Python, or is compiled if plain Python would take more than about ten seconds. Outcomes
-        agree with the row of this case in a run to within the accuracy.
+        agree with the row of this case in a run to within the accuracy. A case with a sampled value
+        that the model does not allow is not simulated: its status is invalid-input, its outcomes
+        are NaN, its history has no rows, and a note gives the value.
 
         Parameters
         ----------
@@ -285,15 +287,16 @@ class Campaign(Definition):
             Columns time_s, phase and those of `sepmc.schema.history_columns`. Its ``attrs``:
             ``units`` of its columns; ``outcomes`` and audit columns, by name; ``errors``, the
             relative numerical error of each outcome (twice its change at half of a given step,
-            else its change at the last halving); ``status``; ``compiled``, True if the kernel was
-            compiled; ``notes``; and times, s, NaN if not reached: ``releases`` by joint,
-            ``partial_releases`` by ``JOINT.KIND``, ``events`` by name, and ``springs``, the ends
-            of spring strokes, by name.
+            else its change at the last halving), empty if unknown; ``status``; ``compiled``, True
+            if the kernel was compiled; ``notes``; and times, s, NaN if not reached: ``releases`` by
+            joint, ``partial_releases`` by ``JOINT.KIND``, ``events`` by name, and ``springs``, the
+            ends of spring strokes, by name.
 
         Raises
         ------
         InputError
-            If there is no case of this number, or a `Case` is of a campaign with other columns.
+            If there is no case of this number, a `Case` is of a campaign with other columns, or
+            ``step_s`` is out of range.
         UnknownError
             If ``plain_work`` is too small for a result.
         """

@@ -289,8 +289,8 @@ def _check_signs(box: DesignBox) -> None:
 
 
 def _check_distributions(box: DesignBox) -> None:
-    """Raise InputError if the quantiles of a varied dispersed parameter do not change in proportion
-    to the value of its design variable."""
+    """Raise InputError if the quantiles of a varied dispersed parameter are constant over the range
+    of its design variable, or do not change linearly."""
     u = np.array([_TAIL, 0.3, 0.8])
     laws = [end.file.dispersions for end in box.ends]
     for k, i in box.variable_of_column.items():

@@ -27,9 +27,10 @@ _EXTREME_POSITIONS = (
 def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
     """Typical size of a quantity in a scene, for each of some units.
 
-    A length is the vehicle length L (extent of the centres of mass and joint points), a time the
-    end time T, an angle 1 rad, a speed V = L / T + T F / M. Here F is the sum of the forces of all
-    motors, springs and loads, and M the mass of all bodies. A rate is V / L, a force M V / T; the
+    A length is the vehicle length L (extent of the centres of mass and joint points, or the largest
+    radius of gyration of a body if that is larger), a time the end time T, an angle 1 rad, a speed
+    V = L / T + T F / M. Here F is the sum of the absolute forces of all motors, springs and loads,
+    and M the mass of all bodies. A rate is V / L, a force M V / T; the
     other units follow from these.
 
     Parameters

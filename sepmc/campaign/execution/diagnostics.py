@@ -187,8 +187,8 @@ def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
 def nominal_notes(
     campaign: Definition, outcomes: Mapping[str, float], has_ended: bool
 ) -> Iterator[str]:
-    """Yield notes on the nominal case: requirements that it violates, events that do not occur in
-    it, and clearances that are smallest at the end time.
+    """Yield notes on the nominal case: requirements that it violates or whose outcome it does not
+    have, events that do not occur in it, and clearances that are smallest at the end time.
 
     Parameters
     ----------

@@ -298,7 +298,8 @@ def _begin(
     campaign: Definition, folder: Path, request: dict[str, Any], resume: bool
 ) -> list[dict[str, Any]]:
     """Write the manifest of an estimate when it begins; return its earlier sessions, the manifest
-    entries of the commands that ran a resumed estimate before (empty if it is new)."""
+    entries of the commands that ran a resumed estimate before (empty if it is new). Raises
+    StoreError as `interrupted` does if ``resume`` is True."""
     previous_sessions: list[dict[str, Any]] = interrupted(folder, request) if resume else []
     session = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -319,7 +320,8 @@ def _open_log(
 
 
 def _about(campaign: Definition, seed: int, requirement: str) -> dict[str, str]:
-    """Metadata that each Parquet file of an estimate contains, by key."""
+    """Metadata that each Parquet file of an estimate contains, by key: campaign, digest, seed and
+    requirement."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,

@@ -116,7 +116,8 @@ def extreme_case(cases: shards.CaseColumns, outcome: str, minimum: bool) -> int:
 
 
 def nearest_case(cases: shards.CaseColumns, query: str) -> tuple[int, str]:
-    """Number of the ok case whose outcome is nearest to a value, and a text ``OUTCOME = value``.
+    """Number of the ok case whose outcome is nearest to a target value, and the text ``OUTCOME =
+    TARGET``.
 
     ``query`` is ``OUTCOME:p99.73`` (a percentile), ``OUTCOME:mean`` or ``OUTCOME:12.5``. Raises
     InputError for any other text, or if there is no such outcome or no ok case has a value of it.

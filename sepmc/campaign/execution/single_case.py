@@ -59,7 +59,8 @@ class SingleCase:
         Layout of the parameters of the scene of the case.
     status : Status
     outcomes : ndarray, shape (o,)
-        Outcomes, then audit columns, SI; NaN if the case was rejected or not simulated.
+        Outcomes, then audit columns, SI. The outcomes of a rejected case are NaN; all are NaN for a
+        case that was not simulated.
     times : ndarray, shape (n,)
         Times of the history rows, s.
     phases : ndarray, shape (n,)
