@@ -98,9 +98,9 @@ def _refined_fraction(block: Block) -> float:
 def _row(
     variant: SolverVariant, times: list[float], error: float, worst: str, few: bool
 ) -> dict[str, Any]:
-    """Return the row of a variant in the table of `measure`, from its times, s, and its largest
-    error, which the outcome ``worst`` has; ``few`` is True if it ran fewer than the study's
-    cases."""
+    """Return the row of a variant in the table of `measure`, from the times of its repeats, s, and
+    its largest error, which the outcome ``worst`` has; ``few`` is True if it ran fewer than the
+    study's cases."""
     scale = 1e3 * PER / variant.cases
     return {
         "formulation": variant.formulation,

@@ -27,8 +27,9 @@ class DesignMap:
         One or two.
     table : DataFrame
         A row per design, the first axis varying fastest: the columns of `DesignTable.summary`, the
-        number of ``cases``, and of each requirement the 95 % interval of the probability of a
-        violation, ``NAME_low`` and ``NAME_high`` (Clopper and Pearson). Cases without the outcome
+        number of ``cases``, and of each requirement the confidence interval of the probability of a
+        violation, ``NAME_low`` and ``NAME_high`` (Clopper and Pearson, two-sided, with the
+        confidence `interval_confidence`). Cases without the outcome
         count as violations in ``NAME_high`` only.
     looks : tuple of int
         Planned numbers of cases of a design, rising: every design is run with the first number,

@@ -77,7 +77,7 @@ def accepted_violations(
     item: Requirement, cases: int, fraction: float = 1.0, tries: int = MAX_TRIES
 ) -> int:
     """Return the largest number of violations of a requirement with which the search accepts a
-    design.
+    design; a design without violations is always accepted.
 
     If the true probability of a violation is that number over ``cases``, the verdict run (with
     another seed, and `VERDICT_CASES` times as many cases) shows the requirement with a probability

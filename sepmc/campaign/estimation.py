@@ -142,7 +142,7 @@ def estimate(
         Called with messages.
     report : callable (temperature, sweeps), optional
         Called with the progress of the sampler: the power of the likelihood, 0 (prior) to 1
-        (posterior), and the number of moves so far.
+        (posterior), and the number of sweeps so far; each proposes one move of every case.
 
     Returns
     -------

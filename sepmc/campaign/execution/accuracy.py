@@ -314,7 +314,7 @@ class AchievedAccuracy:
         Relative error (see `errors`) by outcome: `SAFETY` times the largest of the calibration
         cases, or more if `with_errors` raised it to that of other cases.
     cases : int
-        Number of calibration cases.
+        Number of calibration cases that reached their end.
     positions : frozenset of str
         Outcomes that need not converge with the step: times and positions of extremes, and
         contact. They have errors too, but do not count in ``worst`` and ``met``.
@@ -347,8 +347,8 @@ class AchievedAccuracy:
 
     @property
     def met(self) -> bool:
-        """True if the error of `worst` is at most the requested accuracy, and there were
-        calibration cases."""
+        """True if the error of `worst` is at most the requested accuracy, and calibration cases
+        reached their end."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
@@ -376,7 +376,7 @@ def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> Ac
         Largest relative error of each outcome in the calibration cases; the result has `SAFETY`
         times these.
     cases : int
-        Number of calibration cases; if 0, the result has infinite errors.
+        Number of calibration cases that reached their end; if 0, the result has infinite errors.
 
     Returns
     -------

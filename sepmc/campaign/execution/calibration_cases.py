@@ -18,9 +18,9 @@ _CORNERS_PER_VALUE = 3  # minimum number of corners with each value of a discret
 
 
 class CalibrationSize(NamedTuple):
-    """Number of calibration cases: ``corners``, each with all inputs at ends of their
-    distributions, and cases of a ``sample`` of the distributions. The median case comes in
-    addition."""
+    """Number of calibration cases: ``corners`` as in `corner_cases`, most inputs of which are at
+    ends of their distributions, and ``sample`` cases as in `calibration_sample`. The median case
+    comes in addition."""
 
     corners: int
     sample: int

@@ -24,8 +24,9 @@ def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
     """Upper limit (g,) of each of the g error indicators of a case: beyond any of them the case is
     outside the calibration.
 
-    A limit is the largest value in the ok calibration cases times a factor, or a negligible value
-    if that is larger. ``trials`` are the results of the calibration cases.
+    A limit is the largest value in the ok calibration cases times a factor (1.25; 0.2 for
+    indicators of joint loads), or a negligible value if that is larger. ``trials`` are the results
+    of the calibration cases.
     """
     assert trials.indicators is not None
     indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]

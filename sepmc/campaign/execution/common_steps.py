@@ -247,9 +247,10 @@ def history_error(
     """Largest relative error of stored histories: the difference between histories of the same
     cases integrated with some steps (``at_steps``) and with steps of half the length (``at_half``).
 
-    Histories are interpolated between the ends of steps, with a lower order than that of the steps.
-    Errors are relative to the size of a value or, if larger, to the scale of the outcome with the
-    same name; ``scale`` (o,) has the scales of all outcomes, SI.
+    Cases that are not ok with both are left out; the result is 0 without others. Histories are
+    interpolated between the ends of steps, with a lower order than that of the steps. Errors are
+    relative to the size of a value or, if larger, to the scale of the outcome with the same name;
+    ``scale`` (o,) has the scales of all outcomes, SI.
     """
     names = [column.name for column in campaign.outcome_columns]
     width = at_half.history.shape[2]

@@ -353,8 +353,7 @@ class _SingleRun:
         """Integrate with ``steps`` (segments,); return the result with its history and ``notes``.
 
         With a ``forced_status`` the result has that status and NaN outcomes, but its audit columns
-        stay; without one,
-        _RejectedError is raised if the kernel rejects the case.
+        stay. Without one, _RejectedError is raised if the kernel rejects the case.
         """
         scene = self.layout.scene
         ends, changes = self._event_times(steps)
@@ -543,10 +542,10 @@ def _instants(
     """Instants of the history rows of a case, and the index of the phase of each row (n,).
 
     Each instant, a row of an array (n, 3), has the time, s, the index of the segment, and the side:
-    -1 just before a change of joints, 1 just after it, else 0. Instants are at every interval
+    -1 just before one of the ``changes``, 1 just after it, else 0. Instants are at every interval
     ``row_interval_s``, at the begin and end of each segment (``ends`` (segments,), s), and on both
-    sides of ``changes`` (s) within segments. While the delayed release of a joint is pending, the
-    phase is the next one.
+    sides of ``changes``, times (s) of changes of joints and ends of strokes within segments. While
+    the delayed release of a joint is pending, the phase is the next one.
     """
     grid = np.arange(int(ends[-1] / row_interval_s + 1e-9) + 1) * row_interval_s
     instants: list[tuple[float, int, int]] = []
