@@ -667,7 +667,7 @@ def _check_executor(
             "whether they are needed"
         )
     if is_counted_selection:
-        message = "cannot be combined with workers for selected case numbers; give a count"
+        message = "cannot be combined with workers for selected case numbers; give a count of cases"
         raise InputError(f"stats_only, keep: {message}")
 
 

@@ -107,7 +107,8 @@ class Estimation:
         )
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks: notes, and the table of the parameters, the best known first."""
+        """HTML for notebooks: notes, and the table of the parameters, the smallest ``std_ratio``
+        first."""
         table = self.table.set_index("parameter").sort_values("std_ratio", kind="stable")
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         return f"<p>{escape(repr(self))}</p>{notes}{table.to_html(float_format='{:.6g}'.format)}"
@@ -332,7 +333,8 @@ class Model:
 
     @property
     def log_scale(self) -> float:
-        """Logarithm of the likelihood that the measurements would have with all residuals 0."""
+        """Natural logarithm of the likelihood that the measurements would have with all residuals
+        0."""
         sigmas = np.concatenate([channel.sigma for channel in self.channels])
         return -float(np.log(sigmas * math.sqrt(2.0 * math.pi)).sum())
 

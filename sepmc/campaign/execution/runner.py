@@ -492,7 +492,8 @@ class Runner:
 
     @property
     def accuracy(self) -> AchievedAccuracy:
-        """Numerical error of the run so far."""
+        """Numerical error of the run so far: by outcome the larger one of its own cases and of the
+        calibration cases."""
         return accuracy(self.flight, self.summary)
 
     def _accuracy(self) -> dict[str, Any]:
