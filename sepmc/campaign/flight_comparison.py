@@ -101,8 +101,9 @@ def _stored_histories(
     """Return the stored histories of ok cases: their case numbers (n,), the step of the time grid,
     s, and the values (n, c, t) of the c columns ``names``.
 
-    ``ok`` are the case numbers with status ok. None if the run stored no histories, not all of
-    these columns, or rows that form no common time grid.
+    ``ok`` are the case numbers with status ok. Of a run folder only the first `_STORED` stored
+    cases are read. None if the run stored no histories, not all of these columns, or rows that form
+    no common time grid.
     """
     if not {c.name for c in result.campaign.stored_history_columns()} >= set(names):
         return None

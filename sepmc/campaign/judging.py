@@ -27,7 +27,8 @@ class FreshVerdict:
     shown : bool
         True if the run passes every requirement.
     table : DataFrame
-        Its verdicts (`Result.requirements`), at the raised confidence.
+        Its verdicts (`Result.requirements`), at the confidence that
+        `raised_confidence` sets.
     seed, cases : int
         Of the run.
     notes : tuple of str

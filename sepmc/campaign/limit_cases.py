@@ -71,7 +71,8 @@ class LimitCases:
 
 def limit_ends(dispersion: Dispersion) -> tuple[float, float]:
     """Return the low and the high end of a dispersed input, in the unit of its key: 3 sigma or the
-    truncation, if nearer, for a normal distribution, else its smallest and largest value."""
+    truncation, if nearer, for a normal distribution, else the smallest and largest value that can
+    occur."""
     numbers = dispersion.numbers
     if dispersion.distribution == "normal":
         mean, sigma, cut = numbers
@@ -188,8 +189,8 @@ class _LimitSearch:
         return (-1, 1, *range(2, 2 + _BETWEEN)) if is_wide else (-1, 1)
 
     def text(self, level: int, k: int) -> str:
-        """Return text for input ``k`` at a level: its key, then "low" (-1), "high" (1), or
-        ``= VALUE``."""
+        """Return text for input ``k`` at a level: its key, then "low" (level -1), "high" (level
+        1), or at any other level ``= VALUE`` in the unit of the key."""
         key = self.campaign.file.dispersions[k].parameter.key
         words = {-1: "low", 1: "high"}
         return f"{key} {words.get(level) or f'= {self.values[k, level + 1]:.6g}'}"
@@ -248,7 +249,8 @@ class _LimitSearch:
     def worst(self, item: Requirement, with_value: bool = False) -> np.ndarray:
         """Search for the combination of levels that is worst for a requirement, the one with the
         lowest score of `judge`; return its levels (d,). A case without a result is the worst of
-        all, or, if ``with_value``, the best."""
+        all, or, if ``with_value``, the best. Not all combinations are tried: the search starts from
+        the nominal case and some random corners, and changes one input at a time."""
 
         def score(levels: np.ndarray) -> np.ndarray:
             scores = self.judge(item, *self.run(levels))[2]
@@ -270,7 +272,8 @@ class _LimitSearch:
 
     def _descend(self, levels: np.ndarray, score: Score) -> np.ndarray:
         """From a case with levels (d,), change the level of one input at a time, always the change
-        that lowers the score most, until none does; return the levels (d,) reached."""
+        that lowers the score most, until none does or `_ROUNDS` changes were made; return the
+        levels (d,) reached. An input ``fails`` of a joint keeps its level."""
         lowest = score(levels[None])[0]
         for _ in range(_ROUNDS):
             near = [

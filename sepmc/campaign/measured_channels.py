@@ -37,9 +37,10 @@ class MeasuredChannel:
         Nominal value and standard deviation, s, of the delay: the time of the file's clock at
         time 0 of the run. It is known if ``delay_sigma`` is 0, else estimated.
     left_out : int
-        Number of samples of the file outside the run.
+        Number of samples of the file that are not used, as they lie, or may lie with another
+        delay, outside the run.
     averaged : int
-        Number of samples of the file of which each value is the mean.
+        Number of samples of the file of which each value is the mean; 1 if none is averaged.
     wraps : bool
         True for an angle that stays within one turn: it is compared modulo 360 deg.
     """
@@ -152,7 +153,8 @@ def _within(
 
 def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray:
     """Choose the times at which cases are simulated: those of the samples if all delays are known
-    and the samples are not too many, else evenly spaced ones.
+    (``delay_sigma`` is 0) and the samples are not too many, else evenly spaced times from the first
+    to the last sample, earlier and later by 4 ``delay_sigma``.
 
     Parameters
     ----------
@@ -177,6 +179,8 @@ def at_samples(
     values: np.ndarray, times: np.ndarray, channel: MeasuredChannel, delays: np.ndarray | None
 ) -> np.ndarray:
     """Interpolate the histories of n cases linearly at the times of the samples of a channel.
+
+    Before the first and after the last history row, the values of that row are returned.
 
     Parameters
     ----------

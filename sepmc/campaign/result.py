@@ -69,7 +69,8 @@ class Result:
     resumed : int
         Number of cases that the folder contained already when the run was resumed.
     stopped : bool
-        True if the run stopped early because more cases failed than allowed.
+        True if the run stopped early because more cases failed than allowed; of a run read from
+        its folder, True if it ended early for any reason.
     written : RunStatistics or None
         Statistics as written to the folder; None if the run is in memory.
     """
@@ -85,7 +86,7 @@ class Result:
     integration: Integration | None = None
     accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases of the run that was resumed
-    stopped: bool = False  # more cases failed than allowed
+    stopped: bool = False  # ended early
     written: RunStatistics | None = None  # the statistics in the folder
 
     def __repr__(self) -> str:
@@ -177,8 +178,8 @@ class Result:
         Parameters
         ----------
         *where : str
-            Conditions that a case must satisfy to be counted, such as ``"joint.bolt.fails=1"``.
-            Without conditions all cases count.
+            Conditions, all of which a case must satisfy to be counted, such as
+            ``"joint.bolt.fails=1"``. Without conditions all cases count.
 
         Returns
         -------
@@ -213,7 +214,7 @@ class Result:
 
     @property
     def _errors(self) -> Mapping[str, float]:
-        """Relative numerical error by outcome; empty if it is not known."""
+        """Numerical error by outcome, as in `AchievedAccuracy.errors`; empty if it is not known."""
         return self.accuracy.errors if self.accuracy else {}
 
     def requirements(self) -> pd.DataFrame:
@@ -321,8 +322,8 @@ class Result:
         shift_s : float, optional
             Time of the flight's clock at time 0 of the run, s. Default: estimated.
         cases : int
-            Number of cases of the envelope, which are simulated again unless the run stored these
-            columns over time.
+            Number of cases of the envelope, which are simulated again. It is ignored if the run
+            stored these columns over time: the envelope then is that of the stored cases.
         announce : callable (str), optional
             Called with messages: how each channel was interpreted, and how many cases the envelope
             has.
@@ -377,7 +378,7 @@ class Result:
 
     @property
     def _finished(self) -> CaseSelection:
-        """Cases that were run: fewer than requested if the run stopped after too many failures."""
+        """Cases that were run: fewer than requested if the run ended early (``stopped``)."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:

@@ -70,8 +70,8 @@ def run_scenarios(
     cases, seed, threads : int, optional
         Of each run, as for `Campaign.run`.
     out : path, optional
-        Folder in which each run gets a run folder with the name of its scenario. If None, runs are
-        in memory.
+        Folder in which each run gets a run folder with the name of its scenario; that of the
+        campaign itself is ``baseline``. If None, runs are in memory.
     announce : callable (text), optional
         Called with messages.
     progress : callable (scenario, done, total, failures), optional

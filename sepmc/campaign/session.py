@@ -87,8 +87,8 @@ class DesignResult:
 
     @cached_property
     def table(self) -> dict[str, np.ndarray]:
-        """Case table, arrays (n,) by column name: case, status, inputs (the varied parameters too),
-        outcomes and audit columns."""
+        """Case table, arrays (n,) by column name, in the units of the columns: case, status (text),
+        inputs (the varied parameters too), outcomes and audit columns."""
         chunk = Chunk(0, self.inputs / self.box.factors, self.block, batch_summary.BatchSummary())
         return case_table(self.box, [chunk]) | {"status": status_labels(self.block.status)}
 
@@ -135,7 +135,7 @@ class DesignResult:
         -------
         DataFrame
             A row per requirement, indexed by its name: ``verdict``, ``violations`` and ``missing``
-            (cases without the outcome, which count as violations), as in
+            (cases without the outcome, which ``violations`` includes), as in
             `sepmc.analysis.requirements.Verdict`.
         """
         rows = _verdicts(self.box, self.accuracy.errors, self.block)
@@ -305,7 +305,8 @@ class Session:
         cases, seed : int, optional
             Of every design, as for `run`.
         columns : sequence of str
-            Names of the outcomes to return for every case; each takes 8 bytes per design and case.
+            Names of outcomes or audit columns to return for every case; each takes 8 bytes per
+            design and case.
         progress : callable (done, total), optional
             Called with the number of designs run so far, and of all designs.
 
@@ -383,8 +384,9 @@ class Session:
         return self.box.check_designs(_numbers(self.box.values_of(design))[None])[0]
 
     def _designs(self, designs: Any) -> np.ndarray:
-        """Return the values (m, variables) of m designs, in the units of the keys. Raises
-        InputError if one is incomplete or outside the box."""
+        """Return the values (m, variables) of m designs, in the units of the keys, from a table of
+        columns by key (DataFrame or mapping) or an array of this shape. Raises InputError if a
+        design is incomplete or outside the box."""
         if isinstance(designs, pd.DataFrame | Mapping):
             columns = self.box.values_of(dict(designs))
             if len({len(np.atleast_1d(column)) for column in columns}) > 1:
@@ -408,9 +410,9 @@ class Session:
         return sample
 
     def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
-        """Write the varied inputs and the derived numbers of a design, SI, into ``rows``, which has
-        a row per input or derived number and a column per case; its other rows stay as they are.
-        ``values`` (variables,) are the design, in the units of its keys."""
+        """Write the varied inputs and the derived numbers (`DesignBox.derived`) of a design, SI,
+        into ``rows``, which has a row per input or derived number and a column per case; its other
+        rows stay as they are. ``values`` (variables,) are the design, in the units of its keys."""
         box = self.box
         ranges = [(v.low, v.high - v.low) for v in box.variables]
         shares = [float((x - low) / r) for (low, r), x in zip(ranges, values, strict=True)]
@@ -451,7 +453,8 @@ class Session:
 
     @property
     def _runs(self) -> Definition:
-        """Copy of the box in which the derived numbers are inputs of the kernel too."""
+        """Copy of the box in which the derived numbers (`DesignBox.derived`) are inputs of the
+        kernel too."""
         runs = copy.copy(self.box)
         runs.__dict__["slots"] = self.box.slots_with_derived
         return runs
@@ -508,8 +511,8 @@ def _verdicts(
     Returns
     -------
     dict of str to (str, int, int)
-        By name of the requirement: verdict, number of violations, and number of cases without the
-        outcome, which count as violations.
+        By name of the requirement: verdict, number of violations, and number of those violations
+        that are cases without the outcome.
     """
     if not box.file.requirements:
         return {}

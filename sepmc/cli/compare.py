@@ -171,8 +171,8 @@ def _without_cases(tree: Mapping[str, Any]) -> dict[str, Any]:
 def _resampled(
     campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatistics]", inputs: list[str]
 ) -> list[str]:
-    """Return the names of the ``inputs`` whose samples differ between two runs because seed,
-    sampler or distribution differ."""
+    """Return the names of the ``inputs`` whose samples differ between two runs because their random
+    numbers (`_sampling`) or distributions differ."""
     sampling = [_sampling(r.manifest, each) for r, each in zip(runs, campaigns, strict=True)]
     from_table = {
         d.parameter.column for each in campaigns for d in each.file.dispersions if d.column

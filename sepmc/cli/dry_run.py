@@ -79,6 +79,7 @@ def _time_per_case(
     separation: list[Any],
 ) -> tuple[float, int]:
     """Measure how long it takes to sample and integrate a case, on the first cases of a selection.
+    All cores are used, and start-up costs are not counted.
 
     ``total`` is the number of cases of the whole sample, ``separation`` the columns of stored
     histories: if there are any, the cases are integrated with their histories. Returns the seconds

@@ -317,8 +317,10 @@ def _replay(
 ) -> tuple[list[page.CaseReplay], dict[str, Any] | None]:
     """Simulate cases again, and draw them over time into the folder ``into``.
 
-    ``cases`` has a title and the end of a log message by case number. Returns the replays of these
-    cases, and the replay data of the nominal case; an empty list and None without cases.
+    ``cases`` has, by case number, the title of its replay and the reason for it, with which the log
+    message "running case N again" ends. Returns the replays of these cases, and the replay data of
+    the nominal case; an empty list and None without cases. An accuracy finer than a figure can show
+    is replaced by a coarser one.
     """
     if not cases:
         return [], None

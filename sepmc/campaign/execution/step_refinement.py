@@ -159,7 +159,7 @@ def refine_steps(
 
     A case has converged when ``agreements`` consecutive halvings change its decisive outcomes by at
     most the tolerance. It is given up after nine halvings, when its changes stop falling, or when
-    it is still rejected after ``max_rejected`` halvings.
+    it still has the status ``unresolved`` (rejected) after ``max_rejected`` halvings.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _STEP_OVERHEAD = 2
 
 def most_are_valid(verdict: np.ndarray) -> bool:
     """Return True if, without the cases whose ``verdict`` (n,) is NO_OUTCOMES, more than half are
-    VALID."""
+    VALID; False if all are NO_OUTCOMES."""
     return bool(np.count_nonzero(verdict == VALID) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES))
 
 
@@ -212,7 +212,8 @@ class Search:
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
         """Largest relative error (o,) of each outcome at ``steps`` (segments,) against the
-        reference; infinite if too many cases are rejected."""
+        reference, over the cases valid in both; infinite if these are too few
+        (`_compare`)."""
         return self._compare(*self.evaluate(steps, self.draws))
 
     def _compare(self, outcomes: np.ndarray, verdict: np.ndarray) -> np.ndarray:
@@ -233,8 +234,7 @@ class Search:
         )
 
     def error(self, steps: np.ndarray) -> float:
-        """Largest relative error of a decisive outcome at ``steps`` (segments,) against the
-        reference; infinite if too many cases are rejected."""
+        """Largest of `_errors` at ``steps`` (segments,) over the decisive outcomes."""
         return float(self._errors(steps)[self.is_decisive].max(initial=0.0))
 
     def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
@@ -292,7 +292,8 @@ class Search:
     def _increase_jointly(self, steps_chosen: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
         """Raise the steps ``steps_chosen`` (segments,), up to ``max_steps``, until all cases meet
         the tolerance, and return them: each time in the segment where it reduces the error most, by
-        one step or a sixteenth of its steps."""
+        a sixteenth of its steps, at least one. Returns ``max_steps`` if the search has used up its
+        work (`is_exhausted`)."""
         error = self.error(steps_chosen)
         while error > self.tolerance and (steps_chosen < max_steps).any():
             if self.is_exhausted:

@@ -325,8 +325,11 @@ def _refined_case_by_case(
 def _with_history_error(
     campaign: Definition, selected: Integration, history_size: int, size: CalibrationSize
 ) -> Integration:
-    """Copy of an integration with the error of stored histories of ``history_size`` rows in its
-    ``achieved`` accuracy; itself if no histories are stored or it has no such accuracy."""
+    """Copy of an integration whose ``achieved`` accuracy has the error of stored histories too.
+
+    The error is estimated with histories of ``history_size`` rows of calibration cases; ``size``
+    is the number of these. Returns the integration itself if ``history_size`` is 0 (no histories
+    are stored) or it has no ``achieved`` accuracy."""
     if not history_size or selected.achieved is None:
         return selected
     draws = np.empty((1, 0))

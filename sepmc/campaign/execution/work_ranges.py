@@ -126,7 +126,8 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
     ``threads``.
 
     Rows, or selected rows, are written into the run folder; the caller has to record the files in
-    its ledger. If statistics are accumulated, the cases are added to those of ``job``.
+    its ledger. If statistics are accumulated, the cases are added to ``job.accumulator``, which the
+    result then contains.
 
     Raises
     ------

@@ -93,13 +93,16 @@ class _Manifest(Struct):
     """Keys and types of the manifest of a campaign, a rare-event estimate or a single case.
 
     ``cases`` is the number of wanted cases; ``numbers`` are their case numbers, as 25:50,73, if
-    they are not all ``of`` cases of the sample. ``n_stored`` is the number of rows in the folder,
-    ``failures`` that of cases not ok. ``min_at_end`` and ``missing`` are numbers of cases by
-    clearance and by event (`BatchSummary`). ``until`` is the sentence on the ``stopping_rule``,
-    ``rarely_drawn`` warnings on values that occurred too rarely. ``digest`` is that of the campaign
-    with its ``settings``, ``files`` the number of files in the ledger; ``files_sha256``,
-    ``campaign_sha256`` and ``sha256`` are checksums of the ledger entries, the campaign file and
-    this manifest. Of a single case ``case`` is its number (None: nominal).
+    they are not all ``of`` cases of the sample. ``complete`` is True once all of them have run.
+    ``stats_only`` is True if case rows are not stored, except those that the rules ``keep`` select.
+    ``n_stored`` is the number of rows in the folder without those, ``failures`` that of cases not
+    ok, ``implausible_inertias`` that of cases with an inertia that no body can have. ``min_at_end``
+    and ``missing`` are numbers of cases by clearance and by event (`BatchSummary`). ``until`` is
+    the sentence on the ``stopping_rule``, ``rarely_drawn`` warnings on values that occurred too
+    rarely. ``digest`` is that of the campaign with its ``settings``, ``files`` the number of files
+    in the ledger; ``files_sha256``, ``campaign_sha256`` and ``sha256`` are checksums of the ledger
+    entries, the campaign file and this manifest. Of a single case ``case`` is its number (None:
+    nominal).
     """
 
     digest: str

@@ -211,7 +211,7 @@ def is_resumable(manifest: Mapping[str, Any]) -> bool:
 
 def record_derived(folder: Path, files: Iterable[Path]) -> None:
     """Record files that are derived from the cases of a run, such as statistics and figures, in its
-    ledger, and seal the manifest again. ``files`` are paths in the folder."""
+    ledger, and seal the manifest again. ``files`` are paths that begin with ``folder``."""
     names = [path.relative_to(folder).as_posix() for path in files]
     ledger.add(folder, *(ledger.make_entry(name, (folder / name).read_bytes()) for name in names))
     seal(folder, _manifest(folder))

@@ -153,8 +153,8 @@ class RowSelection:
     requirements : sequence of Requirement
         Requirements of the campaign.
     worst : dict of str to (ndarray, ndarray)
-        By name of the requirement: margins (k,) and case numbers (k,) of the worst cases of all
-        tables so far, the smallest margin first.
+        By name of the requirement, with the rule "worst": margins (k,) and case numbers (k,) of the
+        worst cases of all tables so far, the smallest margin first.
     """
 
     keep: KeepRules
@@ -239,7 +239,7 @@ class RowSelection:
         numbers : ndarray, shape (n,)
             Case numbers.
         reasons : ndarray of str, shape (n,)
-            Reasons that `choose` returned for these cases.
+            Reasons that `choose` returned for these cases, separated by "; ".
 
         Returns
         -------
