@@ -133,8 +133,9 @@ def limit_cases(
 class _LimitSearch:
     """Simulates and judges cases, each combination of levels once.
 
-    A case is given by a level for each of the d dispersed inputs: -1 its low end, 0 nominal, 1 its
-    high end, 2 to 8 values between the ends of a wide angle.
+    A case is given by a level for each of the d dispersed inputs: -1 its low end, 0 nominal (the
+    middle of the ends if the nominal value lies outside them), 1 its high end, 2 to 8 values
+    between the ends of a wide angle.
     """
 
     def __init__(

@@ -164,6 +164,8 @@ class Result:
 
         Raises
         ------
+        InputError
+            If the run stored no case rows.
         StoreError
             If the shards of the folder were changed.
         """
@@ -265,6 +267,11 @@ class Result:
         -------
         DataFrame
             A row per outcome; see `sepmc.analysis.distributions.fit_distributions`.
+
+        Raises
+        ------
+        InputError
+            If the run stored no case rows.
         """
         table = self.statistics()
         numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
@@ -288,7 +295,7 @@ class Result:
         Raises
         ------
         InputError
-            If there is no such requirement or status.
+            If there is no such requirement or status, or the run stored no case rows.
         """
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
         if name not in known and name not in NOT_OK_LABELS:

@@ -66,7 +66,8 @@ class DesignResult:
     values : dict of str to float
         Values of the design variables, by key of ``vary``.
     inputs : ndarray, shape (n, d)
-        Inputs of n cases, SI, in the order of ``box.input_columns``.
+        Inputs of n cases, SI (in `table` in the units of the columns), in the order of
+        ``box.input_columns``.
     block : Block
         Results of the kernel, SI.
     timing : dict of str to float
@@ -427,7 +428,10 @@ class Session:
 
     def _for_kernel(self, rows: np.ndarray) -> np.ndarray:
         """Return the inputs ``rows`` (d, n), SI, with NaN in invalid cases, which a kernel skips
-        (as `Definition.in_si`): a copy, or ``rows`` itself if all cases are valid."""
+        (as `Definition.in_si`): a copy, or ``rows`` itself if all cases are valid.
+
+        A case is invalid if an input is out of the bounds of its parameter, or a load does not end
+        after its start (`Definition.ends_before_start`)."""
         factors, laws = self.box.factors, self.box.ends[0].file.dispersions
         masks = {
             k: ~law.allowed(rows[k] / factors[k]) for k, law in enumerate(laws) if law.has_tails

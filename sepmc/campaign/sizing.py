@@ -196,8 +196,8 @@ def start_search(
         if cases < needed:
             raise InputError(
                 f"cases = {cases}: requirement {item.name} cannot be shown with fewer than "
-                f"{needed}, in a run of {VERDICT_CASES} times as many for the verdict, at a "
-                "confidence raised for several such runs"
+                f"{needed}: the run for the verdict has {VERDICT_CASES} times as many, and its "
+                "confidence is raised for several such runs"
             )
     seed = campaign.checked_seed(seed)
     vary = {one.key: (one.low, one.high) for one in variables}

@@ -75,8 +75,10 @@ def trade_off(
     announce: Log | None = None,
     subject_to: Sequence[str] = (),
 ) -> TradeOff:
-    """Find designs that pass all requirements with confidence, and trade one cost for another: none
-    has all costs smaller than another one.
+    """Find designs that pass all requirements with confidence, and trade one cost for another.
+
+    A design is left out if one that passes has no larger cost and at least one smaller cost. A
+    design that does not pass its verdict run can stay, with ``shown`` False.
 
     Parameters
     ----------

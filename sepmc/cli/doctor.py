@@ -59,8 +59,9 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 
 
 def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
-    """Make the missing and changed files of a run folder again. Returns the exit code: 1 if faults
-    are left, else 0. Raises StoreError if one of the ``findings`` cannot be repaired, such as a
+    """Make the missing and changed files of a run folder again. Tables of other commands are not
+    made again, but removed from the ledger and named. Returns the exit code: 1 if faults are left,
+    else 0. Raises StoreError if one of the ``findings`` cannot be repaired, such as a
     changed campaign file."""
     from sepmc.campaign.campaign import load
     from sepmc.campaign.store import folders, manifests

@@ -291,8 +291,9 @@ def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str,
 def _first_missing_cases(
     verdicts: Sequence[Verdict], others: set[int]
 ) -> dict[int, tuple[str, str]]:
-    """Choose the first case of each verdict that did not finish or lacks the outcome, at most four
-    cases, without those in ``others``; return titles and reasons as `_worst_cases` does."""
+    """Choose, for each verdict on an outcome, the first case that did not finish or lacks the
+    outcome, at most four cases, without those in ``others``; return titles and reasons as
+    `_worst_cases` does."""
     cases: dict[int, tuple[str, str]] = {}
     for v in verdicts:
         has_bound = v.at_least is not None or v.at_most is not None

@@ -72,5 +72,5 @@ def test_wrong_input_is_refused_before_anything_is_run():
     with pytest.raises(InputError, match="has 4 costs: must be 2 to 3"):
         trade_off(campaign(), [FORCE], ["push"] * 4)
     unsure = campaign(SPEED | {"confidence": 0.5})
-    with pytest.raises(InputError, match="cannot be shown with fewer than 17, in a run of 4"):
+    with pytest.raises(InputError, match="fewer than 17: the run for the verdict has 4"):
         trade_off(unsure, [FORCE], TWO[:1] * 2, cases=15)

@@ -164,8 +164,9 @@ class Search:
         return steps if most_are_valid(self.verdict) else None
 
     def largest_errors(self, steps: np.ndarray) -> np.ndarray:
-        """Largest relative error (o,) of each outcome over the cases, integrated at ``steps``
-        (segments,), against the reference; at least the error of the reference itself."""
+        """Largest relative error (o,) of each outcome against the reference, at least the error of
+        the reference itself; over the cases that are valid both in it and at ``steps``
+        (segments,), at which they are integrated."""
         outcomes, verdict = self.evaluate(steps, self.draws)
         in_both = (verdict == VALID) & self.is_valid
         return np.maximum(
@@ -239,7 +240,8 @@ class Search:
 
     def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
         """For each segment alone, the fewest steps at which the cases meet the tolerance while the
-        other segments have their ``steps`` (segments,); shape (segments,)."""
+        other segments have their ``steps`` (segments,); shape (segments,). They may be more than
+        the fewest if the search has used up its work (`is_exhausted`)."""
         steps_chosen = steps.copy()
         for stage in range(len(steps_chosen)):
             low, high = 0, int(steps[stage])
@@ -286,7 +288,7 @@ class Search:
 
     def _work_of(self, stage: int, steps: int) -> int:
         """Work of a number of ``steps`` in the segment with index ``stage`` by its selected method,
-        in derivative evaluations."""
+        in derivative evaluations; the overhead of a step counts as `_STEP_OVERHEAD` of them."""
         return steps * (self.evaluations[stage][self.methods[stage]] + _STEP_OVERHEAD)
 
     def _increase_jointly(self, steps_chosen: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
