@@ -84,7 +84,8 @@ def checked_requirements(campaign: "Campaign", cases: int) -> tuple[Requirement,
     items = judged_requirements(campaign)
     if campaign.scene.run.samples is not None:
         raise InputError(
-            "run.samples: gives the run for the verdict the cases of the search; remove this key"
+            "run.samples: with it, the run for the verdict has the cases of the search; remove "
+            "this key"
         )
     for item in items:
         needed = required_cases(0, item.probability, item.confidence)

@@ -169,7 +169,7 @@ def test_cases_that_verdicts_cannot_use_are_refused(tmp_path):
         size(sobol, [FORCE], "push", cases=100)
     path = tmp_path / "rows.csv"
     path.write_text("in_spring_pusher_factor\n" + "1.0\n1.1\n" * 300, encoding="utf-8")
-    with pytest.raises(InputError, match="gives the run for the verdict the cases of the search"):
+    with pytest.raises(InputError, match="the run for the verdict has the cases of the search"):
         size(campaign().with_settings({"run.samples": str(path)}), [FORCE], "push", cases=100)
 
 

@@ -94,6 +94,16 @@ class Search:
         Index of the selected method of each segment; 0 is the most exact one.
     reference : ndarray, shape (n, o)
         Outcomes at many steps, against which errors are measured.
+    verdict : ndarray, shape (n,)
+        Verdicts of the cases in the reference.
+    reference_change : float
+        Error of the reference: the largest relative change of a decisive outcome by a doubling of
+        its steps, of the doubling where that is smallest; twice the change of the last one if
+        round-off grows with the steps. Infinite without such a doubling.
+    reference_errors : ndarray, shape (o,)
+        Relative change of each outcome by the doubling with the smallest change.
+    work : int
+        Number of steps integrated so far, over all cases and segments.
     """
 
     def __init__(
@@ -115,12 +125,13 @@ class Search:
         self.methods = np.zeros(len(evaluations), dtype=np.int64)
         self._integrate, self.work = evaluate, 0
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
-        self.reference_change = np.inf  # by the last halving of its steps
+        self.reference_change = np.inf  # by a doubling of its steps
         self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
     def evaluate(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrate cases with inputs ``draws`` (n, d) at ``steps`` (segments,) by the selected
-        methods; return outcomes (n, o) and verdicts (n,), and add the steps to `work`."""
+        methods; return outcomes (n, o) and verdicts (n,), and add the steps of all cases to
+        ``work``."""
         self.work += len(draws) * int(steps.sum())
         return self._integrate(steps, self.methods, draws)
 
@@ -136,10 +147,11 @@ class Search:
 
     def fewest_steps(self, min_steps: np.ndarray) -> np.ndarray | None:
         """Search and return the fewest steps (segments,) at which the cases meet the tolerance;
-        None if most cases are not valid. Also sets `methods` and `reference`.
+        None if most cases are not valid, or the reference does not converge at all. Also sets
+        `methods` and `reference`.
 
-        The reference has at least ``min_steps`` (segments,). If its last doubling of steps changes
-        it by more than twice the tolerance, the tolerance is raised to twice that change.
+        The reference has at least ``min_steps`` (segments,). If its error, `reference_change`, is
+        more than twice the tolerance, the tolerance is raised to twice that error.
         """
         steps = self._integrate_reference(min_steps)
         if np.isinf(self.reference_change) or not most_are_valid(self.verdict):

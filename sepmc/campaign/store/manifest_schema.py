@@ -102,7 +102,7 @@ class _Manifest(Struct):
     rarely. ``digest`` is that of the campaign with its ``settings``, ``files`` the number of files
     in the ledger; ``files_sha256``, ``campaign_sha256`` and ``sha256`` are checksums of the ledger
     entries, the campaign file and this manifest. Of a single case ``case`` is its number (None:
-    nominal).
+    nominal), and ``bodies`` and ``joints`` are those of its scene.
     """
 
     digest: str
