@@ -53,7 +53,7 @@ def _sources_digest() -> bytes:
 
 def in_memory(key: str) -> Integration | None:
     """Integration with a key (`key_of`) that was selected or loaded earlier in this process, with
-    its kernels; None if there is none."""
+    its kernels; None if there is none, or it is no longer among those used last."""
     return _in_memory.get(key)
 
 

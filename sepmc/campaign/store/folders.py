@@ -247,7 +247,7 @@ def clear(folder: Path) -> None:
 
 def is_derived(name: str) -> bool:
     """Return True if a file with this name is a result derived from the cases: statistics, a table,
-    a report or a figure."""
+    a report, a figure, an animation, or the history of a single case."""
     return _matches(name, _DERIVED)
 
 

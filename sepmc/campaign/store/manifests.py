@@ -238,7 +238,7 @@ def drop_derived(folder: Path) -> list[str]:
 
 def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
     """Find shards (Parquet files) of another campaign or seed than the manifest has, by their
-    metadata; a fault for each.
+    metadata; a fault for each. Shards of histories are not examined.
 
     If the ledger has such a shard, and it is intact, then manifest and campaign file belong to
     another run than the ledger: that cannot be repaired. Otherwise only the shard is foreign, and
