@@ -37,8 +37,9 @@ _EXCLUDED = {
 
 def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
     """Estimate the probability that a requirement is violated, write the estimate into a folder,
-    and print it. ``parameters`` are the options of `sepmc campaign` by name. Returns the exit
-    code."""
+    and print it. ``parameters`` are the options of `sepmc campaign` by name; with its ``dry_run``
+    only the request is checked and printed. Returns the exit code. Raises UsageError for an option
+    that a rare-event estimate cannot have."""
     for other, name in _EXCLUDED.items():
         if parameters[other]:
             raise click.UsageError(f"--rare and --{name} exclude each other")
