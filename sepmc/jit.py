@@ -28,8 +28,8 @@ def long_formula(function: _F) -> _F:
 
 
 def routine(function: _F) -> _F:
-    """Mark a routine: a function with loops or searches, most of them on a workspace. The compiler
-    decides where it is inlined."""
+    """Mark a routine: a function with loops or searches, mostly over numbers in a workspace. The
+    compiler decides where it is inlined."""
     return function
 
 

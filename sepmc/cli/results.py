@@ -85,9 +85,9 @@ def phases(campaign: "Campaign", accuracy: Any) -> list[str]:
 
 
 def exit_code(run: "RunStatistics", must_pass: bool) -> int:
-    """Print the first fault of a run (no ok case, audit failed, accuracy not met), and return its
-    exit code; 0 if there is none. With ``must_pass`` a requirement whose verdict is not pass is a
-    fault, too."""
+    """Print the first fault of a run, and return its exit code: 1 without an ok case, 3 if the
+    audit failed or the accuracy is not met, 1 if ``must_pass`` and a requirement has another
+    verdict than pass; 0 without a fault."""
     from sepmc.analysis.requirements import PASS
     from sepmc.schema import Status
 

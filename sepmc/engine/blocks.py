@@ -39,12 +39,13 @@ def integrate(
     samples : ndarray, shape (d, n)
         Sampled parameters, SI units.
     steps : ndarray of int, shape (segments,)
-        Number of steps of each segment: the most that an interval between two events takes.
+        For each segment, the number of steps of an interval between two events; more if an event
+        comes later than predicted.
     pace : ndarray, shape (segments,)
-        Step length, s: an interval takes fewer steps if none of them is then longer than this; 0:
-        never fewer.
+        Length, s: an interval takes ``times`` times the fewest steps that are not longer than this,
+        if that is fewer than ``steps``. 0: always ``steps``.
     times : int
-        The number of steps of an interval is a multiple of this.
+        See ``pace``: 1, or a larger number for a finer integration by a given step length.
     typical : ndarray, shape (segments,)
         Typical duration of each segment, s. At its start an event is predicted no later than after
         this time, which limits the first step.

@@ -336,7 +336,11 @@ def _call(
 ) -> None:
     """Integrate cases with the nominal parameters and content of a layout
     (`sepmc.engine.blocks.integrate`, which explains the arguments), then compute the outcomes by
-    formulas. The results are written into ``outcomes``, ``ends``, ``history`` and ``status``."""
+    formulas. The results are written into ``outcomes``, ``ends``, ``history`` and ``status``.
+
+    Unlike there, ``samples`` has a row for each case. If the scene gives ``solver.step``, that is
+    ``pace`` there, and the maximum of ``steps`` is ``times``. ``methods`` None: the most accurate
+    one in each segment."""
     from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, sampled = (

@@ -139,8 +139,8 @@ def missing_units(units: CompileUnits) -> list[str]:
 
 
 def _compile_order(name: str) -> tuple[bool, int]:
-    """Return a key that sorts compile units by their expected compile time: True if the unit calls
-    a routine of `_SLOW`, then the length of its source."""
+    """Return a key by which compile units sort from the shortest expected compile time to the
+    longest: whether the unit uses a module of `_SLOW`, then the length of its source."""
     text = (CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")
     return any(module in text for module in _SLOW), len(text)
 

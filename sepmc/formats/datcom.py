@@ -256,7 +256,8 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
 
 def _chosen(text: str, options: dict[str, Any]) -> tuple[Output, float]:
     """Output of the case that ``options`` choose, and the sideslip, deg, up to which slopes by beta
-    are extended. Raises FormatError if an option is missing or not valid."""
+    are extended (`_SIDESLIP` by default). Raises FormatError if an option is not valid, or if there
+    are several cases and none is chosen."""
     case = choose_case(parse_cases(text), options.get("case"))
     output = choose_output(case, options.get("configuration"))
     sideslip = options.get("sideslip_deg", _SIDESLIP)
@@ -268,7 +269,8 @@ def _chosen(text: str, options: dict[str, Any]) -> tuple[Output, float]:
 def _table(output: Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
     """Convert the output of a case to an aerodynamic table and sentences, as `parse_datcom` returns
     them. The axes are Mach number, alpha and, if values or slopes over it are there, beta; slopes
-    by beta become lines up to +-``sideslip``, deg. Raises FormatError if CN or CA is missing."""
+    by beta become lines up to +-``sideslip``, deg. Raises FormatError if CN or CA is missing, or a
+    sideslip at one of the Mach numbers."""
     understood = [f"{name} {value}" for name, value in output.references.items()]
     understood += output.understood
     blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]

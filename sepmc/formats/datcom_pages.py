@@ -43,8 +43,9 @@ _NAME_LENGTH = 40  # letters of the name of a case in a message
 
 @dataclass(frozen=True)
 class Value:
-    """Number that a line prints below ``title``, at ``alpha`` in deg; ``per_degree`` is true if
-    the derivatives of that page are per degree."""
+    """The number ``value``, which line number ``line`` of the file prints below ``title`` for the
+    angle of attack ``alpha``, deg; ``per_degree`` is true if that page gives derivatives per
+    degree, not per radian."""
 
     title: str
     alpha: float

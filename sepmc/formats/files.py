@@ -182,8 +182,8 @@ def _move(
 def _fill(
     key_path: str, table: dict[str, Any], table_read: dict[str, Any], problems: Problems
 ) -> None:
-    """Put the keys read from a file (``table_read``) into ``table``, the one at ``key_path``. Adds
-    a problem for each quantity that both give."""
+    """Put the keys read from a file (``table_read``) into ``table``, the one at ``key_path``, in
+    place of equal keys. Adds a problem for each quantity that both give, in whatever unit."""
     own = {split_unit(key)[0] for key in table}
     for key, value in table_read.items():
         if split_unit(key)[0] in own:

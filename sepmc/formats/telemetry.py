@@ -221,8 +221,8 @@ def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChann
 
 
 def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
-    """Titles of the channels that a name means: the title equal to it, else those that end in it
-    after a dot, else those that are the name and a number or a unit in brackets."""
+    """Titles of the channels that a name may mean: the title equal to it, else all that end in it
+    after a dot, else all that are the name and a number or a unit in brackets; empty if none."""
     if name in channels:
         return [name]
     ends = [title for title in channels if title.rpartition(".")[2] == name]

@@ -165,8 +165,9 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
     """Append lines that, at the start of a case, load the cells of tables with kinks: first those
-    that contain the points, then, for a point at an end, the cell that it moves into. The motion is
-    predicted with all motors and constant loads off if any of them switches."""
+    that contain the tables' arguments, then, for an argument at the end of a cell, the cell that it
+    moves into. The rates of the arguments are computed with all motors and constant loads off if
+    the scene has any that switches."""
     switched = [(f"BURNING_{motor.name}", 3) for motor in c.spec.scene.motor]
     switched += [(f"ACTS_{load.name}", 1) for load in c.spec.scene.load]
     for name, count in switched if c.spec.load_switches else []:
@@ -231,8 +232,9 @@ def _check_start(text: Text, c: Context) -> None:
 
 
 def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that, as a segment begins, set its end time: the time given by the file or, if
-    that is past, the present time; plus the release delay of the segment, if any."""
+    """Append lines that, as a segment begins, set its end time: the time at which its condition is
+    met (a sum of parameters) or, if that is past, the present time; plus the release delay of the
+    segment, if any."""
     scope, time = c.scope(), total([c.case.number(slot) for slot in segment.end_time])
     now = scope.load("T")
     if segment.after_late:  # its end came during a release delay
@@ -364,8 +366,9 @@ def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None
 
 def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Append the loop over the steps of an interval for a segment in which each lane takes a number
-    of steps of its own: the smallest multiple of the step factor for which no step is longer than
-    MAX_STEP, at most the number chosen for segment ``number`` (more if an event comes late)."""
+    of steps of its own: the number chosen for segment ``number`` or, if that is smaller,
+    STEP_FACTOR times the fewest steps that are not longer than MAX_STEP; more if an event comes
+    later than predicted."""
     size, pending = f"{c.spec.active_size(segment)} * LANES", _pending_calls(segment)
     inner = text.lanes()
     inner(f"w[MAX_STEP + l] = max_step[{number}] if max_step[{number}] > 0.0 else {at.GRAIN}")

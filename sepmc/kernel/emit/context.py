@@ -162,8 +162,8 @@ class Context:
         return self.monitors_outputs(segment) or bool(segment.loads)
 
     def wrenches_from_rates(self, segment: Segment) -> bool:
-        """True if the kernel function of a segment's derivative also stores its monitored loads.
-        That is possible unless output pins slide or the loads need a minimum-norm solution."""
+        """True if loads are monitored in a segment and the kernel function of its derivative stores
+        them: not where pins with loads as outputs slide, or loads need a minimum-norm solution."""
         plain = not segment.needs_min_norm and not any(
             map(segment.sliding_kinds, self.output_guides)
         )
