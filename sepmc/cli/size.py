@@ -154,7 +154,7 @@ def size(
             log(f"wrote {run_folder}, the run for the verdict")
         sys.exit(int(must_pass and not sizing.shown))
     if run_folder is not None:
-        raise InputError("--run: the front of several costs has a run for each of its designs")
+        raise InputError("--run: needs a single cost; each design of a front has its own run")
     table, image = (path.with_name(f"{path.stem}-front{end}") for end in (".parquet", ".png"))
     for each in [table] if no_plots else [table, image]:
         check_out_file(each, (), overwrite)

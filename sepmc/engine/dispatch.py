@@ -60,7 +60,9 @@ class RefinementSummary:
     Attributes
     ----------
     error : ndarray, shape (o,)
-        Largest error of each outcome over the cases that were integrated with smaller steps.
+        Largest relative error of each outcome over the cases that were integrated with smaller
+        steps; of the leading outcomes of `sepmc.campaign.execution.error_estimate`, over the other
+        cases, too. Here o is the number of outcomes, without audit columns.
     n_refined : int
         Number of cases integrated again with smaller steps.
     n_fallback : int
@@ -68,8 +70,8 @@ class RefinementSummary:
     n_unconverged : int
         Number of cases whose outcomes did not converge.
     indicators : ndarray, shape (g,) or (0,)
-        Largest value of each error indicator over the cases that were not integrated again; the
-        errors of the outcomes of these cases follow from it. Empty: not recorded.
+        Largest value of each error indicator over the cases whose estimated error is within the
+        limit; the errors of their other outcomes follow from it. Empty: not recorded.
     """
 
     error: np.ndarray
@@ -105,7 +107,7 @@ class Block:
     times : ndarray, shape (n, rows)
         Times of the history rows, s.
     phases : ndarray, shape (n, rows)
-        Phase number of each history row.
+        Zeros: a separation history does not record the phase.
     history : ndarray, shape (n, rows, columns)
         Separation speed and distance of each joint (`sepmc.schema.separation_columns`), SI units.
     rows : ndarray, shape (n,)
@@ -457,7 +459,8 @@ def thread_notes(threads: int | None) -> list[str]:
 
 
 def use_threads(threads: int | None) -> None:
-    """Make compiled code run on ``threads`` threads from now on; None: on all."""
+    """Make compiled code that this Python thread calls run on ``threads`` threads from now on;
+    None: on all."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     pool.use_threads(threads)
@@ -480,7 +483,8 @@ _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
     """Context in which kernels are loaded as plain Python if ``wanted`` is true, else as compiled
-    code. In plain Python nothing is compiled, but a case takes milliseconds, not microseconds."""
+    code (unless NUMBA_DISABLE_JIT is set). In plain Python nothing is compiled, but a case takes
+    milliseconds, not microseconds."""
     before = _interpreting.set(wanted)
     try:
         yield

@@ -216,9 +216,10 @@ def _attitude_cells(state: Element, segment: Segment) -> list[str]:
 
 
 def _add_row(segment: Segment, cells: list[str], n: int, kind: str) -> None:
-    """Convert the texts of a row, epoch and numbers, and add them to a segment; a row equal to the
-    one before it is left out. ``n`` is the line number, ``kind`` "OEM" or "AEM". Raises FormatError
-    if the row is not valid, or its epoch is not after that of the row above."""
+    """Convert the texts of a row, epoch and numbers, and add them to a segment, without the
+    acceleration of an OEM; a row equal to the one before it is left out. ``n`` is the line number,
+    ``kind`` "OEM" or "AEM". Raises FormatError if the row is not valid, or its epoch is not after
+    that of the row above."""
     line = " ".join(cells)
     epoch = seconds_of(cells[0])
     if epoch is None:

@@ -96,7 +96,8 @@ def plain(name: str) -> str:
 
 
 class Columns:
-    """Columns of a table by quantity; `find` converts one to SI.
+    """Columns of a table by quantity; `find` converts one to SI. Creating the object raises
+    FormatError if ``named`` is not valid or names a column that the table does not have.
 
     Parameters
     ----------

@@ -139,7 +139,8 @@ def choose_output(case: Case, configuration: object) -> Output:
     case : Case
     configuration : str or None
         Part of the configuration or of the conditions of the tables to read, such as "WING ALONE"
-        or "ALTITUDE 2000"; None for the last configuration of the case.
+        or "ALTITUDE 2000"; None for all. Of several configurations that are left, the last one with
+        CN and CA is read.
 
     Returns
     -------
@@ -290,7 +291,8 @@ class _Pages:
             self._row(line_number, cells)
 
     def _header(self, line: str) -> bool:
-        """Read a line of input cards or of the heading of a page; returns whether it was one."""
+        """Read a line if it belongs to input cards or the heading of a page. Returns True for a
+        card and the first line of a heading, in which there is nothing else to read."""
         if "LIST OF ALL INPUT CARDS" in line:
             self.in_cards, self.has_cards, self.cards = True, True, []
             self.titles = []
@@ -314,7 +316,8 @@ class _Pages:
         return False
 
     def _begin(self, case: int) -> None:
-        """Go to the case of a number, which is created if needed."""
+        """Go to the case of a number, which is created if needed; of another case, the reference
+        quantities are not kept."""
         if case != self.case:
             self.references = {}
         self.case = case
@@ -423,7 +426,7 @@ class _Pages:
 
 
 def _is_value(cell: str) -> bool:
-    """True if a cell is a number, or stands for one that is not printed."""
+    """True if a cell is a finite number, or stands for one that is not printed: NDM, NA, ***."""
     if cell in ("NDM", "NA") or set(cell) == {"*"}:
         return True
     try:

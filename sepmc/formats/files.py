@@ -91,7 +91,8 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
     folder : Path
         Folder that relative paths start from.
     problems : Problems
-        Receives every file that cannot be read, with the reason.
+        Receives every file that cannot be read, with the reason, and every quantity that both the
+        campaign and a file give.
 
     Returns
     -------

@@ -81,8 +81,8 @@ def read_mass(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     text = read_text(path)
     if not text.lstrip().startswith("<"):
         raise FormatError(
-            "is no URDF, MJCF or JSBSim, which are XML; numbers of a sheet are keys of the body: "
-            "mass_kg, cg_m, inertia_tensor_kg_m2, inertia_axes"
+            "is no URDF, MJCF or JSBSim, which are XML; write numbers of a data sheet as keys of "
+            "the body: mass_kg, cg_m, inertia_tensor_kg_m2, inertia_axes"
         )
     root = parse_xml(text)
     readers: dict[str, Callable[[Element, Any], MassProperties]] = {

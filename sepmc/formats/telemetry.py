@@ -462,8 +462,8 @@ def _add_vectors(
 
 
 def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Read the channels of an MDF file, each of which has its own time; ``time`` is not used. Of
-    channels with one name all are read, and titles begin with their group."""
+    """Read the channels of an MDF file, each of which has its own time; ``time`` is not used.
+    Channels that share a name are all read, with titles such as ``group 3.NAME``."""
     asammdf = import_module("asammdf")
 
     channels: dict[str, _Raw] = {}

@@ -54,7 +54,8 @@ class TextTable:
     lines: tuple[int, ...] = ()
 
     def where(self, row: int) -> str:
-        """Text for messages on where a row (index from 0) is in the file: "line 12"."""
+        """Text for messages on where a row (index from 0) is in the file: "line 12", or "row 9,
+        counted from 0" if the file has no lines."""
         return f"line {self.lines[row]}" if self.lines else f"row {row}, counted from 0"
 
 

@@ -240,10 +240,10 @@ def _pair(cells: list[str]) -> tuple[float, float] | None:
 
 
 def _curve(points: list[tuple[float, float]], places: list[str]) -> ThrustCurve:
-    """Thrust curve through points (time, thrust); two points at one time are a step, whose second
-    time is made greater by one unit in the last place. Raises FormatError, with the text of
-    ``places`` on where the point is in the file, if a time is negative or earlier than the one
-    before it."""
+    """Thrust curve through points (time, thrust). Two points at one time are a step, whose second
+    time is made greater by one unit in the last place; of more points at one time the first and the
+    last count. Raises FormatError for fewer than two points and, with the text of ``places`` on
+    where the point is in the file, if a time is negative or earlier than the one before it."""
     times: list[float] = []
     thrusts: list[float] = []
     steps = list[float]()

@@ -197,7 +197,7 @@ def test_origin_of_the_file_is_a_station(tmp_path):
         ("<robot>\n<link", {}, "line 2: is no XML: unclosed token"),
         ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', {}, "line 1: has entities of its own"),
         ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot>&a;</robot>', {}, "line 1: has entities"),
-        ("a" * 9, {}, "is no URDF, MJCF or JSBSim, which are XML; numbers of a sheet are keys"),
+        ("a" * 9, {}, "is no URDF, MJCF or JSBSim, which are XML; write numbers of a data sheet"),
         ("<a", {}, "line 1: is no XML"),
         ("<r>" * 500, {}, "line 1: elements are nested too deeply"),
         ("{urdf}", {"axes": "up-up-up"}, "must name the directions of x, y and z"),

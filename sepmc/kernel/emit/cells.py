@@ -43,7 +43,8 @@ class _KinkedTable:
 
 
 def _kinked_tables(c: Context) -> list[_KinkedTable]:
-    """All tables with kinks of the scene, one entry for each cell."""
+    """Tables with kinks of the scene, one entry for each body, spring or increment that uses one
+    and each kind of table (wind, air, aerodynamics)."""
     wind, air = int(c.model.wind_x), int(c.model.air_x)
     tables = []
     for body in c.spec.bodies:
@@ -146,9 +147,9 @@ def _look_up_at_state(text: Text, segment: Segment) -> None:
 
 
 def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_KinkedTable]) -> None:
-    """Write the kernel function ``cell_second_rates_SEGMENT(w)``, which stores the second rates of
-    the points in tables with kinks at the start of an interval into the fields SECOND_...; by them
-    a point that is at rest on a kink leaves it."""
+    """Write the kernel function ``cell_second_rates_SEGMENT(w)``, which stores the second time
+    derivatives of the points in tables with kinks, at the start of an interval, into the fields
+    SECOND_...; by them a point that is at rest on a kink leaves it."""
     size = c.spec.active_size(segment)
     docstring = "Second rates of points in tables with kinks at the start of an interval."
     text = out.function(f"cell_second_rates_{segment.name}(w)", docstring)

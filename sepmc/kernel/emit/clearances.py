@@ -16,9 +16,9 @@ from sepmc.scene.outline_parts import packed_runs
 
 def emit_clearances(out: Text, c: Context) -> None:
     """Write the kernel functions ``search_lane(w, job)``, which searches the step of one lane for
-    a smaller distance, and, for every segment with clearances, ``search_clearances_SEGMENT(w)``,
-    which does so for all clearances and lanes. Results are stored in the field CLEARANCES, NaN
-    until a distance is known."""
+    a distance smaller than the smallest one so far, and, for every segment with clearances,
+    ``search_clearances_SEGMENT(w)``, which does so for all clearances and lanes. Results are stored
+    in the field CLEARANCES, NaN until a distance is known."""
     powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(component("CLEARANCES", k), math.nan)
@@ -48,8 +48,8 @@ def emit_clearances(out: Text, c: Context) -> None:
 
 def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) -> None:
     """Append lines that search the step just made, in all lanes, for a smaller distance of
-    clearance ``entry``, which has the number ``i``; a case is rejected (for smaller steps) if the
-    search is not complete."""
+    clearance ``entry``, which has the number ``i``, than the smallest one so far; a case is
+    rejected (for smaller steps) if the search is not complete."""
     powers = c.extended.dense.shape[1]
     text(f"# {' and '.join(entry.bodies)}")
     s = State(c, c.scope(), segment, "S")
