@@ -415,8 +415,8 @@ def check_text(name: str, value: Any, example: str) -> str:
 
 def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> None:
     """Raise InputError unless ``step_s`` can be the interval between the rows of a history of the
-    scene: a number of seconds > 0 that gives no more rows than allowed. ``name`` is the name of
-    ``step_s`` in the message."""
+    scene: a number of seconds > 0 that gives at most ten times `MOST_ROWS` rows. ``name`` is the
+    name of ``step_s`` in the message."""
     limit = 10 * MOST_ROWS
     if isinstance(step_s, bool) or not isinstance(step_s, Real):
         raise InputError(f"{name} = {shorten(step_s)}: must be a number of seconds")

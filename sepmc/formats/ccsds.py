@@ -32,7 +32,7 @@ def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment
     raise FormatError(
-        f"has no rows about the epoch {text}; rows are from {segments[0].first} to "
+        f"has no rows on both sides of the epoch {text}; rows are from {segments[0].first} to "
         f"{segments[-1].last}"
     )
 
@@ -223,8 +223,8 @@ def _attitude(
     """Read the attitude of the vehicle at an epoch. Returns the rotation matrix (3, 3) from body
     axes (forward, up, right) to the frame of the trajectory, the angular rate (3,) in body axes,
     rad/s, and sentences. ``attitude`` is the option of `read_initial`, ``text`` the epoch for
-    messages. Raises FormatError if the option or the file is not valid, or has no row about the
-    epoch."""
+    messages. Raises FormatError if the option or the file is not valid, or no segment
+    encloses the epoch."""
     if not isinstance(attitude, dict) or not isinstance(attitude.get("file"), str):
         raise FormatError('the attitude must be a table: { file = "NAME.aem", axes = "..." }')
     if unknown := [key for key in attitude if key not in ("file", "axes")]:

@@ -58,8 +58,8 @@ class Value:
 class Table:
     """Table over ALPHA with the heading of its page: its ``configuration``, ``conditions`` such as
     altitude, and ``references``, the reference quantities with unit, as text, by title. ``rates``
-    is true on pages of dynamic derivatives, ``forces`` of one with the titles CN and CA; angles are
-    in deg."""
+    is true on pages of dynamic derivatives, ``forces`` if CN and CA are among its titles; angles
+    are in deg."""
 
     configuration: str
     conditions: str
@@ -189,7 +189,8 @@ def choose_output(case: Case, configuration: object) -> Output:
 
 
 def _matching(tables: list[Table], text: object) -> list[Table]:
-    """Tables whose configuration or conditions contain a text, in capitals or not."""
+    """Tables whose configuration is a text, in capitals or not; if there are none, those whose
+    configuration or conditions contain it. Raises FormatError if it is no text, or blank."""
     if not isinstance(text, str) or not text.strip():
         raise FormatError('configuration: must be a part of the heading, such as "WING ALONE"')
     part = text.strip().upper()
@@ -209,7 +210,7 @@ def _fill(output: Output, tables: list[Table]) -> None:
                 raise FormatError(
                     f"has {title} {first.references[title]} at Mach number {first.mach:g} and "
                     f"{table.references[title]} at Mach number {table.mach:g} in one case: its "
-                    "tables must have the same reference quantities; leave those of one vehicle"
+                    "tables must have the same reference quantities; keep those of one vehicle"
                 )
         output.references |= table.references
         block = next(

@@ -276,9 +276,11 @@ def _points(reference: Element, breakpoints: dict[str, Element]) -> np.ndarray:
 def _long_table(
     functions: list[_Function], variables: dict[str, Element], axes: dict[str, str]
 ) -> tuple[TextTable, dict[str, str]]:
-    """Evaluate all functions on one grid, which has all their points. Raises FormatError.
+    """Evaluate all functions on one grid, which has all their points. Raises FormatError if two
+    variables are the same axis, two columns have the same title, or the grid is too large.
 
-    Linear interpolation on this finer grid gives the same values.
+    Linear interpolation on this finer grid gives the same values. Beyond its own points a function
+    has the value at its end.
 
     Parameters
     ----------

@@ -144,8 +144,8 @@ def _columns(
     path: Path, options: dict[str, Any], needed: tuple[str, ...]
 ) -> tuple[Columns, list[str]]:
     """Read the columns of a file; return them, and sentences on its format. ``options`` as for
-    `read_air`. Of a sounding only the columns ``needed`` are read, and only the rows that have all
-    of them. Raises FormatError."""
+    `read_air`. Of a sounding only the columns ``needed`` (such as "HGHT") are read, and only the
+    rows that have all of them. Raises FormatError."""
     named = options.get("columns")
     if path.suffix.lower() != ".parquet":
         text = text_of(path)

@@ -206,8 +206,8 @@ def _kind(column: str) -> str:
 
 def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
     """Copy of a mapping whose ``channel`` is the full title in the file, and whose ``unit`` is the
-    one that followed the name in brackets, if any. Raises FormatError if no channel or several have
-    the name."""
+    one that followed the name in brackets, else empty. Raises FormatError if no channel or several
+    have the name."""
     name, unit = mapped.channel, ""
     titles = _titles(name, channels)
     if not titles and (match := _UNIT.fullmatch(name)):

@@ -267,7 +267,8 @@ def _numbers(
     header: list[str], rows: list[tuple[int, list[str]]], separator: str, gaps: bool
 ) -> dict[str, np.ndarray]:
     """Convert the cells of ``rows`` (line number, cells) to columns (n,) by the names of
-    ``header``. Raises FormatError for a wrong number of cells and, as in `read_table`, for gaps."""
+    ``header``; columns with a blank name are left out. Raises FormatError for a wrong number of
+    cells and, as in `read_table`, for gaps."""
     header = [name.translate(_INVISIBLE) for name in header]
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip

@@ -76,7 +76,8 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     rate is the difference quotient over `_MOMENT` along the derivative K1, with the change of wind
     and air included. ``cell_second_rates_SEGMENT(w)`` stores second rates (`_emit_second_rates`).
     ``enter_cells_SEGMENT(w, ahead)`` loads a cell for each point that is flagged to have left its
-    own: with ``ahead`` = 1.0 the one into which the point moves, with 0.0 the one that contains it.
+    own, and rejects cases in which there is none: with ``ahead`` = 1.0 the one into which the point
+    moves, with 0.0 the one that contains it (the point then stays flagged).
     """
     tables = _kinked_tables(c)
     known = [(table.cell, table.point, 3) for table in tables]
@@ -140,7 +141,8 @@ def _slack_forces(c: Context) -> list[tuple[str, int]]:
 
 
 def _look_up_at_state(text: Text, segment: Segment) -> None:
-    """Append lines that look up all tables at the state Y."""
+    """Append lines that copy the state Y to S and the time T to CLOCK, and look up all tables
+    there."""
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text(f"look_up_{segment.name}(w)")
@@ -173,8 +175,8 @@ def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_Ki
 
 
 def cell_end(s: State, cell: str, axis: int, is_top: bool) -> tuple[Any, Any, Any]:
-    """Distance of a point beyond one end of its cell along an axis of the table (negative within
-    the cell), with rates.
+    """Distance of a point beyond one end of its cell along an axis of the table, less `BESIDE`
+    (negative within the cell), with its first and second time derivatives.
 
     Parameters
     ----------
