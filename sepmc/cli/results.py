@@ -22,8 +22,9 @@ ACCURACY_FAULT = "the requested accuracy was not met; see the warning above"
 
 
 def check_rows(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a run folder. Raises StoreError unless it contains the rows of all
-    cases: it may contain statistics only, a single case, or a rare-event estimate."""
+    """Return the manifest of a run folder that stores the rows of its cases (of an interrupted run,
+    those so far). Raises StoreError if the folder has statistics only, maybe with selected rows, a
+    single case, or a rare-event estimate."""
     from sepmc.campaign.store import folders, manifests
 
     manifest = manifests.read_manifest(folder)
@@ -106,7 +107,7 @@ def exit_code(run: "RunStatistics", must_pass: bool) -> int:
         (
             must_pass and any(verdict.verdict != PASS for verdict in run.verdicts),
             FAILED,
-            "the cases do not show every requirement",
+            "not every requirement has the verdict pass",
         ),
     )
 

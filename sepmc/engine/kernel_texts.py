@@ -83,7 +83,8 @@ def _writers_digest() -> bytes:
 
 
 def structure_of(spec: KernelSpec) -> bytes:
-    """Return the structure of a kernel, which is all that its text depends on, as bytes.
+    """Return the structure of a kernel as bytes: all that its text depends on, besides the
+    integration method and the kind of history.
 
     Each value of the scene is replaced by its rank among all values and the constants 0, 1, -1 and
     infinity. In the tables only whole numbers are kept, since they may be counts.

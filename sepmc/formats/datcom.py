@@ -205,7 +205,7 @@ def _ratio(lateral: _Reference, long: _Reference) -> float:
 
 def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
     """Raise FormatError if the reference area or length of a file is not that of the aerodynamics
-    of the campaign (``aero``) within 2 %."""
+    of the campaign (``aero``) within 2 %; one that either of them does not give is not compared."""
     for name, stem, kind in (
         ("sref", "reference_area", "area"),
         ("lref", "reference_length", "length"),
@@ -234,7 +234,7 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
     options : dict
         ``case``: number, from 1, of the case to read, needed if there are several.
         ``configuration``: part of the configuration or conditions of the tables to read (default:
-        the last configuration of the case).
+        all). Of several configurations that are left, the last one with CN and CA is read.
         ``sideslip_deg``: sideslip up to which slopes by beta are extended as lines (default 30).
 
     Returns

@@ -199,8 +199,8 @@ def _matching(tables: list[Table], text: object) -> list[Table]:
 
 
 def _fill(output: Output, tables: list[Table]) -> None:
-    """Put the values of tables of one configuration into ``output``. Raises FormatError if two
-    disagree."""
+    """Put the values and reference quantities of tables of one configuration into ``output``.
+    Raises FormatError if two tables give different ones."""
     seen: dict[tuple[str, float, float, float], tuple[Value, Table]] = {}
     first: Table | None = None
     for table in tables:

@@ -31,7 +31,7 @@ _UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
 class _Function:
     """Function of a DAVE-ML file as a gridded table: varIDs of its ``result`` and of its argument
     ``variables``, grid ``points`` of each argument, and ``values`` on that grid, in the units of
-    the file."""
+    the file; ``element`` is its element ``function``."""
 
     element: Element
     result: str

@@ -237,7 +237,8 @@ def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
 def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, str, bool]:
     """Convert the values of a channel, times its factor, to the unit of its column. Returns the
     values (n,), the unit that they had in the file, and True if that is not known and was taken to
-    be the column's. Raises FormatError for a unit of another kind of quantity."""
+    be the column's; without conversion, "" and False if the column has no unit. Raises FormatError
+    for a unit of another kind of quantity."""
     values, own = mapped.factor * raw.values, split_unit(mapped.column)[1]
     if not own:
         return values, "", False
@@ -485,9 +486,10 @@ def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
 
 
 def _of_tdms(path: Path, time: str | None) -> dict[str, _Raw]:
-    """Read the channels of a TDMS file. The time of a channel is that of its waveform, or the
-    channel of the time in its group; ``time`` names that channel. Raises FormatError if its unit is
-    no unit of time."""
+    """Read the channels of a TDMS file, with titles ``GROUP.NAME``. The time of a channel is that
+    of its waveform, if it has one and ``time`` is None, else the channel of the time in its group,
+    which ``time`` may name; channels of another length than that one are left out. Raises
+    FormatError if a group has no channel of the time, or its unit is no unit of time."""
     nptdms = import_module("nptdms")
 
     channels: dict[str, _Raw] = {}

@@ -181,9 +181,9 @@ def parse_table(
 
 def _first_row(lines: list[tuple[int, str]], gaps: bool, comments: list[str]) -> tuple[str, int]:
     """Find the separator and the index in ``lines`` (line number, text) of the first row of
-    numbers; with ``gaps`` a row may have blank cells, or, below a header of as many cells, any
-    cells but one number. The header may be the last of the ``comments`` before the lines. Raises
-    FormatError if there is none."""
+    numbers. With ``gaps`` a row may have blank cells or, below a header of as many cells, any cells
+    of which at least one is a number; that header may be the last of the ``comments``, which stand
+    before the lines. Raises FormatError if there is no row."""
     for index, (line_number, line) in enumerate(lines):
         for separator in _SEPARATORS:
             cells = [cell for cell in _cells(line, separator) if cell]

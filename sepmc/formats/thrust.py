@@ -112,7 +112,7 @@ def _quantities(
     table: TextTable, named: dict[str, Any] | None
 ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
     """Columns of time (s), fraction and thrust (N) of a table, each (n,); None for those that it
-    does not have."""
+    does not have. ``named`` and the FormatError raised are those of `Columns`."""
     columns = Columns(table, named)
     return (
         columns.find("time", _TIME),
@@ -144,8 +144,8 @@ def _check_comments(table: TextTable) -> None:
 def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     """Read the thrust curve of an engine from the text of a RASP file.
 
-    The curve rises from (0, 0) to the first row; two rows at one time are a step; comments begin
-    with ``;``.
+    The curve rises from (0, 0) to the first row, if that is later than 0 s; two rows at one time
+    are a step; comments begin with ``;``.
 
     Parameters
     ----------

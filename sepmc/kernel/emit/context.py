@@ -126,8 +126,8 @@ class Context:
     def node_size(self) -> int:
         """Number of load components that are stored for each node, an instant of a step at which
         loads are evaluated: force and moment of each monitored joint; then, of each output guide,
-        three for the driving force, three for each of the two ends of a pin as if friction balanced
-        that force, and three for each of these ends as they are."""
+        three for the driving force and, of each of its pins, three for each of the two ends as if
+        friction balanced that force, and three for each end as it is."""
         return 6 * len(self.monitored_joints) + 3 * sum(
             1 + 4 * self.pins(joint) for joint in self.output_guides
         )
