@@ -337,7 +337,8 @@ class _Pages:
             self.cases[self.case].name = names[0]
 
     def _end_heading(self) -> None:
-        """Take the name of the case from the heading of a page, if there are no input cards."""
+        """Take the name of the case from the heading of a page; of Digital DATCOM only if there are
+        no input cards, and another name than that of the case then begins a case."""
         if "MISSILE" in " ".join(self.heading[:1]).upper():
             kind = self.heading[-1]
             known = "STATIC AERODYNAMICS FOR" in kind or "DYNAMIC DERIVATIVES" in kind
@@ -384,8 +385,9 @@ class _Pages:
 
     def _row(self, line_number: int, cells: list[tuple[str, float]]) -> None:
         """Add the values of a printed line to the table below its titles; ``cells`` are pairs
-        (text, middle column). A value belongs to the title nearest above it; blank ones are left
-        out."""
+        (text, middle column). If there are as many cells as titles, they belong together in order;
+        else a value belongs to the title whose column is nearest. Values that are not printed (NDM,
+        NA, ***) are left out."""
         if self.table is None:
             self.table = self._new_table()
             self.cases[self.case].tables.append(self.table)

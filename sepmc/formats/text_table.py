@@ -104,7 +104,8 @@ def read_table(
     gaps : bool
         True, for logs: cells that are blank or no number become NaN, even if a whole column is, and
         columns of one title are numbered, ``height #1 (m)``. False: such cells and columns, and
-        numbers that are not finite, are rejected.
+        numbers that are not finite, are rejected. In a Parquet file columns of other types than
+        numbers are always left out, and equal titles always rejected.
     assumed : sequence of str
         Names of the columns of a text file that has no header and as many columns.
 

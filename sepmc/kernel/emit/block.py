@@ -184,8 +184,9 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
 
 def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
     """Write the kernel function ``leave_SEGMENT(w)``, which ends segment ``number``: it projects
-    the state onto the constraints, records the end time and hands over to the next segment or, at
-    the end of the last one, flags cases with joints that have not been released."""
+    the state onto the constraints, records the end time, rejects cases in which that is before the
+    end of the previous segment, and hands over to the next segment or, at the end of the last one,
+    flags cases with joints that have not been released."""
     text = out.function(
         f"leave_{segment.name}(w)",
         "End a phase: project onto the constraints, record its end, hand over to the next.",
@@ -462,9 +463,9 @@ def emit_load_switch(out: Text, c: Context) -> None:
 def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None:
     """Append lines that hand over from a segment to the next one, ``after``.
 
-    They reject cases that reached neither the end of the segment nor that of the run (the latter
-    are flagged in UNRELEASED), copy attitude and rate of a rigid group to bodies that leave it,
-    change the kinds of joints, and record their releases.
+    They reject cases that reached neither the end of the segment nor that of the run, flag in
+    UNRELEASED those that reached only the end of the run, copy attitude and rate of a rigid group
+    to bodies that leave it, change the kinds of joints, and record their releases.
     """
     scope = c.scope()
     now = scope.load("T")

@@ -95,9 +95,10 @@ def due_time(scope: Scope, c: Context, due: Due) -> Expr:
 
 
 def record_events(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that set the flags of conditions of a segment's releases and observation events,
-    record the present time as EVENT_TIME_... of those that occur now for the first time, and store
-    the state at an observation event that occurs now."""
+    """Append lines that set the flags of those conditions of a segment's releases and observation
+    events that are times or ends of spring strokes; record the present time as EVENT_TIME_... of
+    each release or event that occurs now, the first time; and store the state at an observation
+    event that does."""
     scope = c.scope()
     for release in segment.releases:
         for number in condition_numbers(release.clauses):

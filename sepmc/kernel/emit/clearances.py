@@ -127,7 +127,8 @@ def _part_lines(c: Context, i: int, side: int) -> list[str]:
     ``i`` includes of its first (``side`` 0) or second (1) body.
 
     A line sets two components of the field JOB: the position in the workspace of the first part of
-    the run, and the number of its parts. One search (``search_lane``) follows each line."""
+    the run, and the number of its parts. A search (``search_lane``) follows each pair of a line of
+    the first body and one of the second."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     entry, lines = c.spec.scene.clearance[i], []
     body, offset = entry.bodies[side], at.JOB_PARTS + 2 * side
