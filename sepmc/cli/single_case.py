@@ -177,8 +177,8 @@ def _check_row(campaign: "Campaign", run: Path, number: int, log: "Log") -> bool
 
 
 def _other_versions(manifest: dict[str, Any]) -> str:
-    """Return the versions and the machine of a run, from its manifest, that differ from the present
-    ones, as text: ``sepmc 1.2, numpy 2.0``; empty if none does."""
+    """Return the versions and the machine of the last session of a run, from its manifest, that
+    differ from the present ones, as text: ``sepmc 1.2, numpy 2.0``; empty if none does."""
     from sepmc.campaign.store import manifests
 
     before, present = (

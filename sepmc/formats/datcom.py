@@ -126,8 +126,8 @@ def _references(text: str, output: Output) -> dict[str, _Reference]:
     file does not have is left out.
 
     The number that the case prints counts, with its rounding; but a number of an input card in
-    ``text`` counts, as exact, if it equals the printed one within the rounding, or if none is
-    printed (then that of the last card)."""
+    ``text`` counts, as exact, if it equals the printed one within the rounding, or if nothing is
+    printed (then that of the last card). A quantity printed as text, such as NA, is left out."""
     metre = _metres_per_unit(text)
     cards: dict[str, list[float]] = {}
     for match in _CARD.finditer(text):

@@ -54,8 +54,8 @@ class MappedChannel:
     factor : float
         Factor on the values of the channel.
     unit : str
-        Unit of the channel. If empty it is the one in the file, or, if there is none, that of the
-        column.
+        Unit of the channel. `read_telemetry` sets it from brackets after the name, whatever it was.
+        If empty it is the one in the file, or, if there is none, that of the column.
     """
 
     column: str

@@ -123,7 +123,8 @@ def _quantities(
 
 def _without_header(table: TextTable) -> TextTable:
     """Copy of a table of two columns whose names, which came from a comment, are replaced by
-    ``time_s`` and ``thrust_N``; a table with other columns is returned unchanged."""
+    ``time_s`` and ``thrust_N`` (its ``header`` is then "assumed"); a table of another number of
+    columns is returned unchanged."""
     if len(table.columns) != len(_ASSUMED):
         return table
     columns = dict(zip(_ASSUMED, table.columns.values(), strict=True))
