@@ -54,10 +54,12 @@ def integrate(
         rows: time, s; number of the segment; -1 for the state just before that time, 1 for that
         just after it, 0 where they do not differ.
     outcomes : ndarray, shape (o, n)
-        Output: outcomes, audit columns and error indicators, SI units.
+        Output: outcomes and audit columns (NaN in a case with a final status other than ok and
+        never-released) and error indicators, SI units.
     ends : ndarray, shape (segments, n)
-        Output: times at which segments end, s. With a full history, rows for the times of changes
-        of joints and ends of strokes within segments follow.
+        Output: times at which segments end, s; the end of the run for segments that a case does not
+        reach before. With a full history, rows for the times of changes of joints and ends of
+        strokes within segments follow.
     history : ndarray, shape (n, rows, columns)
         Output, SI units: speed and distance of every joint for separation histories, all columns of
         `sepmc.schema.history_columns` for full ones.

@@ -193,7 +193,8 @@ def integrate_cases(
         `sepmc.routines.layout` if shorter steps may succeed, else the code of the
         `sepmc.kernel.spec.variant.Variant` of the kernel that may integrate it.
     ends : ndarray, shape (segments, n)
-        Times at which segments end, s: ends of phases, and delayed releases.
+        Times at which segments end, s: ends of phases, and delayed releases; the end of the run for
+        segments that a case does not reach before.
     """
     n, columns = len(samples), schema.result_columns(layout.contents)
     # the kernel writes all outcomes but the last, the estimated error
