@@ -273,8 +273,9 @@ def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
 
 
 def _coefficients(s: State, body: str, alpha: Expr, beta: Expr, rates: dict[str, Any]) -> list[Any]:
-    """Six aerodynamic coefficients of a body by their polynomials in flow angles, rad, reduced
-    rates and signals, without tables; 0.0 for a coefficient without terms."""
+    """Six aerodynamic coefficients of a body (axial, normal, side, roll, yaw, pitch) by their
+    polynomials in flow angles, rad, reduced rates and signals, without tables; 0.0 for a
+    coefficient without terms."""
     terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:

@@ -75,7 +75,8 @@ class Signals:
         self._of_quantities = Quantities(s, moving)
 
     def value(self, signal: str) -> Any:
-        """Value of a signal, in the unit of the keys of the file that it gives."""
+        """Value of a signal as its formula gives it: in the unit of the key of the file that it
+        drives (mm for ``..._mm``), not SI."""
         return self.of(signal).value
 
     def of(self, signal: str) -> Jet:
@@ -561,8 +562,9 @@ def number(s: State, path: str, slot: int) -> Any:
 
 
 def three_numbers(s: State, path: str, slot: int) -> Any:
-    """Vector of the three parameters ``path.x``, ``path.y`` and ``path.z``, SI, as in `number`;
-    ``slot`` is the index of the first."""
+    """Vector of the values, SI, of the three parameters ``path.x``, ``path.y`` and ``path.z``: of
+    each the value of the signal that gives it, if any, else the parameter of the case. ``slot`` is
+    the index of the first."""
     if not any(f"{path}.{axis}" in s.spec.scene.driven for axis in "xyz"):
         return s.case.vector(slot)
     return tuple(number(s, f"{path}.{axis}", slot + k) for k, axis in enumerate("xyz"))

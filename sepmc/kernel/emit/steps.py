@@ -161,8 +161,8 @@ def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
 
 def _emit_event_polish_step(out: Text, c: Context) -> None:
     """Write the kernel function ``set_event_polish_step(w, phase)``, which sets the field STEP to
-    the time left to the end of an interval or the next event, after the last regular step; 0 in
-    lanes that have more regular steps to make."""
+    the time left to the end of an interval or the next event. Where lanes make different numbers of
+    steps, it is 0 in all lanes that have not just made their last regular step."""
     text = out.function(
         "set_event_polish_step(w, phase: int)",
         "Length of the remaining step to END or to the next event, into all of STEP.",

@@ -62,8 +62,9 @@ def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
 
 
 def make_wrenches(s: State) -> Motion:
-    """Motion at a state, with the multipliers from which `force_of` and `moment_of` give the joint
-    loads; lines that `before_wrenches` appends must run before.
+    """Motion at a state, with the multipliers (in the full formulation the wrenches) from which
+    `force_of` and `moment_of` give the joint loads; lines that `before_wrenches` appends must run
+    before.
 
     Parameters
     ----------

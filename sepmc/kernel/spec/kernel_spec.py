@@ -93,7 +93,8 @@ class Event:
     def flag(self, segment: str) -> str:
         """Name of the workspace field that is 1 once the event has occurred in the segment of that
         name; at the end of a layer or cell, 1 until the next one is loaded. Of a kink it is the
-        field of the mode (-1, 0, 1) that the kink gets at the event."""
+        field of the mode (-1, 0, 1) that the kink gets at the event; all events that end the phase
+        by themselves share the field DONE."""
         if self.is_border:
             return f"ENTERS_{self.item}"
         if self.quantity == at.AT_KINK:
@@ -300,8 +301,8 @@ class Segment:
 
     @property
     def ends_by_time(self) -> bool:
-        """True if the end time of the segment is known when it begins: a time or burn-out of the
-        file, or the longest release delay."""
+        """True if the segment ends, at the latest, at a time known when it begins: a time or
+        burn-out of the file, or the longest release delay. Events may end it earlier."""
         return bool(self.end_time or self.late)
 
     @cached_property
@@ -353,8 +354,9 @@ class KernelSpec:
 
     @cached_property
     def step_cells(self) -> dict[str, tuple[int, ...]]:
-        """Cells of tables with kinks, as returned by `step_cells`: the workspace field of each cell
-        and the axes of the table along which it has ends."""
+        """Cells of tables with kinks, as the function `sepmc.kernel.spec.step_cells.step_cells`
+        returns them: by the workspace field of a cell, the axes (0 to 2) along which it has
+        ends."""
         return step_cells(self.scene, self.dispersed)
 
     @cached_property
