@@ -18,7 +18,8 @@ _AT_REST = 0.5e-8
 
 
 def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
-    """Power of all loads (without joint forces) in the frame of the common mass centre.
+    """Power of all loads (without joint forces) in the frame of the common mass centre, but see
+    `_mean_speed` if the ground is connected.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ _AT_THRESHOLD, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``event_step_SEGMENT(w, typical)``, which stores the predicted time
     to the next event of a segment, at most to END, into STEP. At the start of an interval, an event
-    is predicted no later than ``typical``, s.
+    that ends the phase or belongs to a clause is predicted no later than ``typical``, s.
 
     Each condition is a scalar g(t) of the state, below zero before the event. Its Taylor polynomial
     to third order gives the time to the event (`sepmc.routines.lanes.time_left`); the jerk is the
@@ -118,7 +118,8 @@ def _time_to_event(s: State, event: Event) -> Any:
 
 def _time_to_kink(s: State, event: Event) -> Any:
     """Expression of the predicted time from the state to the event that a switching function
-    reaches zero, s; add to the scope lines that store its value and rate for later steps."""
+    reaches zero, s (as `time_to_kink` returns it); add to the scope lines that store the value and
+    rate of the function for later steps."""
     time_left, records = time_to_kink(s, event)
     (_, value), (_, rate) = records[:2]
     _flag_graze(s.scope, event, s.segment.name, value, rate)

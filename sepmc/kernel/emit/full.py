@@ -125,8 +125,9 @@ class FullSystem:
                 line += 1
 
     def _add_constraint(self, line: int, first: int, one: JointRow) -> None:
-        """Add the constraint row ``one`` as equation number ``line``; ``first`` is the column of
-        the first unknown of its joint."""
+        """Add the constraint row ``one`` as equation number ``line``; while the row is inactive,
+        the equation is that the joint carries no load along it. ``first`` is the column of the
+        first unknown of its joint."""
         mask = one.mask
         for body, sign in zip(
             self.s.spec.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True

@@ -397,9 +397,9 @@ class State:
 
 
 def translation(pair: Pair, e: Any) -> Any:
-    """Arms of bodies A and B, m, and gamma, m/s2, of the constraint that the points of a pair keep
-    their distance along the unit vector ``e``, fixed in body A, ground axes
-    (`sepmc.physics.joints.translation`)."""
+    """Terms of the constraint that the points of a pair keep their distance along the unit vector
+    ``e``, fixed in body A: its moments on A and on B per unit of force along e, m (``arm_a``,
+    ``arm_b`` of `Line`), and gamma, m/s2; ground axes (`sepmc.physics.joints.translation`)."""
     return joints.translation(
         pair.d, pair.d_rate, e, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
     ).called("row")

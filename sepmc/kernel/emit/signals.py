@@ -91,7 +91,8 @@ class Signals:
         return self._signals[signal]
 
     def rates(self, signal: str) -> list[Any]:
-        """Rates, per s, of the one or two states of a signal that has states, in their order."""
+        """Time derivatives of the one or two states of a signal that has states, in their order: of
+        the signal, in its unit per s; of a servo also of its rate, in its unit per s2."""
         is_single = self.formulas.signals[signal].states == 1
         last = self.of_formula(signal)
         return [last] if is_single else [self._state(signal, 1).value, last]
@@ -423,7 +424,8 @@ class Quantities:
         return self._jet(line.length, lambda: line.rate, second)
 
     def _hinge_angle(self, joint: str) -> Jet:
-        """Jet (value and time derivatives) of the angle of a joint about its x axis, rad."""
+        """Jet (value and time derivatives) of the angle of a joint about its x axis, rad, -pi to
+        pi."""
         value = hinge_angle(self.s, joint)
         if not self.moving:
             return Jet(value)

@@ -23,7 +23,7 @@ _LONGER, _SHORT = 3.0, 0.05
 # at most the fraction _LAST of the step before.
 _NEARLY, _LAST = 0.9, 0.2
 # While a predicted event does not occur, a step is at most _GROWS times the first one of the
-# interval, and the last one.
+# interval, and at most _GROWS times the one before it.
 _GROWS = 1.5
 _MANY = 4096.0  # maximum number of remaining steps that is planned then
 # A step longer than _UNEVEN times the last one has a larger error than those of the calibration
@@ -123,7 +123,8 @@ def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
     STEPS_LEFT is the smaller of two: one less than at the last step, and STEP_FACTOR times the
     fewest steps that are not longer than MAX_STEP. It is raised where a predicted event does not
     occur: with ``is_limited`` (``solver.step`` is given), no step is longer than MAX_STEP /
-    STEP_FACTOR; otherwise none is longer than 1.5 times the first one, and the last one.
+    STEP_FACTOR; otherwise none is longer than 1.5 times the first one of the interval, nor than
+    1.5 times the one before it.
 
     PROGRESS counts steps (0, -1, -2) until it is 1 at the last step and 2 after it. Until an event
     has been predicted twice, the step before the last stops short of it, so that no state past the

@@ -154,8 +154,9 @@ def _side(s: State, joint: str, body: str) -> set[str]:
 
 
 def _required_moment(s: State, motion: Motion, side: set[str]) -> Any:
-    """Sum of the moments, ground axes, N m, that the bodies ``side`` of a rigid group need for
-    their angular accelerations, besides those of their loads and of constraint rows on them."""
+    """Moment, ground axes, N m, that must act on the bodies ``side`` of a rigid group besides their
+    loads and constraint rows: the sum over the bodies of the moment that the angular acceleration
+    needs (about the body's mass centre) minus the moments of loads and rows."""
     case, terms = s.case, []
     for body in sorted(side):
         leader = s.segment.leader(body)

@@ -27,9 +27,10 @@ Kinds = dict[int, tuple[int, ...]]
 class Row:
     """Constraint row: one scalar constraint equation of a joint.
 
-    ``code`` is its type as in `sepmc.routines.layout` (0 to 2 translation along an axis, from
-    ROTATION on a rotation, ROD). ``kinds`` has the numbers of the joint kinds in which the row is
-    active; empty if it is active in all kinds that the joint may have in the segment.
+    ``code`` is its type as in `sepmc.routines.layout`: 0 to 2 for no translation along axis x, y or
+    z; ROTATION + 3 i + j for axis i of the second body perpendicular to axis j of the first; ROD.
+    ``kinds`` has the numbers of the joint kinds in which the row is active; empty if it is active
+    in all kinds that the joint may have in the segment.
     """
 
     joint: str
@@ -252,7 +253,7 @@ class Segment:
     def needs_min_norm(self) -> bool:
         """True if the joint loads need a solution of their own, because rows are redundant: the
         motion uses only independent rows, the joint loads are the minimum-norm multipliers of all
-        rows."""
+        rows. False with ``least_squares``, where the motion uses these multipliers too."""
         return self.redundant > 0 and not self.least_squares
 
     @property
@@ -329,11 +330,14 @@ class KernelSpec:
     """Specification of the kernel of a scene.
 
     All items have their generated names (`Names`: body1, joint2, ...), in ``layout`` and in the
-    paths of the ``dispersed`` parameters too. ``segments`` are the parts of a case in the order of
-    time; ``attitude_order`` has the bodies in the order of their attitudes in the state, leaders of
-    the first segment first; ``changes`` are the changes of joint kinds. ``failing_joints`` may fail
-    to release; ``load_switches`` is True if loads switch on or off within a case, ``layer_borders``
-    if bodies may pass between layers of the standard atmosphere.
+    paths of the ``dispersed`` parameters too; ``names`` maps the names of the file to them.
+    ``variant`` is the generality of the kernel.
+
+    ``segments`` are the parts of a case in the order of time; ``attitude_order`` has the bodies in
+    the order of their attitudes in the state, leaders of the first segment first; ``changes`` are
+    the changes of joint kinds. ``failing_joints`` may fail to release; ``load_switches`` is True if
+    loads switch on or off within a case, ``layer_borders`` if bodies may pass between layers of the
+    standard atmosphere.
     """
 
     layout: ParameterLayout

@@ -120,7 +120,8 @@ class Formulas:
         ordered: dict[str, None] = {}
 
         def add(signal: str) -> None:
-            """Append a signal after the signals that always equal their formulas and it names."""
+            """Append a signal to ``ordered``, after those signals named in it that always equal
+            their formulas."""
             for node in walk(self.tree(signal)):
                 other = self.other(signal, node) if isinstance(node, Name) else ""
                 if other and self.at_once(other):
