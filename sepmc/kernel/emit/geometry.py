@@ -84,8 +84,9 @@ class State:
     """State of the bodies in a segment, and kinematics of it as expressions of ``scope``.
 
     The state vector is in the workspace field ``field``: S (a stage), Y (the end of a step), or
-    another field; ``time`` then names the field of its time. Vectors and matrices are expressions
-    too; a body in a rigid group has the attitude and angular rate of the group's leader.
+    another field. ``time`` names the field of its time; "" for CLOCK with S, else T. Vectors and
+    matrices are expressions too; a body in a rigid group has the attitude and angular rate of the
+    group's leader.
     """
 
     def __init__(self, c: Context, scope: Scope, segment: Segment, field: str, time: str = ""):
@@ -368,7 +369,8 @@ class State:
         return Line(e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e))
 
     def spring_start(self, spring: Spring) -> Any:
-        """Length of a spring at the start of the case, m."""
+        """Length of a spring at the start of the case, m: the distance of its points or, if it has
+        an axis, the component along the axis, which may be negative."""
         gap = self._spring_ends(spring)[2]
         if spring.axis is None:
             return square_root(vec3.dot(gap, gap)).called("spring_start")

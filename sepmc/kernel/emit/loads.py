@@ -415,7 +415,8 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
 
 def spring_force(s: State, spring: Spring, i: int) -> Expr:
     """Force of a spring (number ``i`` of the scene) within its stroke, N, positive when it drives
-    its bodies apart; for a spring that only pushes, before negative forces are cut off."""
+    its bodies apart, with its table and factor; for a spring that only pushes, before negative
+    forces are cut off."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
     path = f"spring.{spring.name}"

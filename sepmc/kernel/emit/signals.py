@@ -128,8 +128,9 @@ class Signals:
         return jets.add(a, jets.negative(b)), [a.value, b.value]
 
     def inputs(self, signal: str) -> list[Any]:
-        """Expressions of the values of the quantities and states on which the formula of a signal
-        depends, directly or through other signals; without time."""
+        """Expressions of the values of the quantities, states, samples in use and response
+        parameters on which the tree of a signal (`Formulas.tree`) depends, directly or through
+        other signals; without time and constants."""
         values: list[Any] = []
         for node in walk(self.formulas.tree(signal)):
             if not isinstance(node, Name):

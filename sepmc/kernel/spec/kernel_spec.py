@@ -82,7 +82,7 @@ class Event:
     @property
     def is_border(self) -> bool:
         """True if the event is that a body leaves its atmosphere layer, or a point the cell of its
-        table; unlike other events it may occur repeatedly."""
+        table. Such an event, as that of a kink, may occur repeatedly; all others occur once."""
         return self.is_cell_end or self.quantity in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
     @property

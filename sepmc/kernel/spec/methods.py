@@ -261,8 +261,8 @@ def methods_of(name: str, extended: bool, others: bool = False) -> tuple[Method,
     name : str
         ``solver.method`` of the scene: key of `METHODS`, or AUTO
     extended : bool
-        True if the segment needs states between the ends of steps: then only methods with a
-        continuous extension are returned
+        True if the segment needs states between the ends of steps: only methods with a continuous
+        extension are returned then, and dop853 replaces a named method without one
     others : bool
         True if any segment of the kernel needs states between the ends of steps, so that dop853 is
         compiled anyway: AUTO then offers it for the other segments too
