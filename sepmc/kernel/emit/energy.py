@@ -66,7 +66,7 @@ def _relative_velocity(s: State, body: str, mean: Any) -> Any:
 
 def emit_energy(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``energy_SEGMENT(w, first)``, which updates the field ENERGY from
-    the state Y, by three numbers, J. They are the largest difference so far between the gain of
+    the state Y. ENERGY has three numbers, J: the largest difference so far between the gain of
     kinetic energy and the work of all loads; the initial kinetic energy; and the reference of that
     difference, the largest energy or work so far (at least that of `_AT_REST`).
 

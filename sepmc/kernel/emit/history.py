@@ -138,7 +138,8 @@ def _emit_range(text: Text) -> None:
 
 def _emit_row(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``row_SEGMENT(w)``, which stores the row of a full history at the
-    state S into the field ROW, in the order of `sepmc.schema.history_columns`, SI."""
+    state S into the field ROW, in the order of `sepmc.schema.history_columns`: SI, but signals as
+    their formulas give them."""
     docstring = (
         f"Full history row of the state S of phase {segment.name} at the times CLOCK, into ROW."
     )
@@ -206,7 +207,9 @@ def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
 
 def _emit_full_history(out: Text, c: Context) -> None:
     """Write the kernel function ``write_history(w, phase, first, a)`` for a full history: it writes
-    the rows at those requested instants (time, segment, side) that are in the step just made."""
+    the rows at those requested instants (time, segment, side) that are in the step just made. With
+    side -1 an instant is not in a step that starts at it, with 1 not in one that ends at it; with 0
+    both count."""
     docstring = (
         "Write the rows of the instants (time, segment, side) within the step just made, or at "
         "its end (side -1) or start (side 1)."

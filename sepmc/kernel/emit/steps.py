@@ -443,9 +443,14 @@ def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, lis
 
 def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
     """Add lines to a scope that, after a step, raise the field DRIFT to the deviation of a body's
-    quaternion from unit length, normalise the quaternion, update pitch and roll with full turns,
-    and mark cases in which the full turns are unclear. A case in which the body turned by more than
-    2 rad is rejected (`FINER_STEPS`): it is integrated again with smaller steps."""
+    quaternion from unit length, normalise the quaternion, and update pitch and roll with full
+    turns.
+
+    They set WINDING_UNCLEAR in a case in which the full turns are unclear (`_flag_winding`), and
+    TURNED_FAR where pitch and roll cannot be followed: near a yaw of 90 deg, or after more than a
+    quarter turn in the step. A case in which the body turned by more than 2 rad is rejected
+    (`FINER_STEPS`): it is integrated again with smaller steps.
+    """
     c.workspace.add(f"ANGLES_{body}", 2)
     last = [component(f"ANGLES_{body}", k) for k in range(2)]
     length, unit, r, angles = _attitude(scope, body)
@@ -468,7 +473,8 @@ def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
 def _flag_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
     """Add lines to a scope that set WINDING_UNCLEAR to 1 if the number of full turns of a body's
     pitch or roll in a step is ambiguous (`sepmc.physics.quat.turns_unclear`). ``r`` is the rotation
-    matrix of the body and ``omega`` its rate at the end of the step."""
+    matrix of the body and ``omega`` its rate at the end of the step; heading and rate are stored
+    for the next step."""
     c.workspace.add(f"HEADING_{body}", 4), c.workspace.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     heading_now = quat.heading(r).called("heading")

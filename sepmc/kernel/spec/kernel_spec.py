@@ -53,11 +53,12 @@ class Event:
     (`sepmc.kernel.spec.step_cells`) that has it. ``threshold`` is the parameter index of the
     threshold; of an end of a table cell the axis (0 to 2); -1 without.
 
-    ``ends_phase`` is True if the event ends its phase by itself. Else ``number``, unless it is -1,
-    is that of a condition in clauses (`Segment.clauses`, `Release.clauses`): with ``any_phase`` in
-    those of a release or observation event, else in those that end the phase. ``direction`` says
-    which crossing counts: "rising", "falling" or "either"; with "" the event also occurs if the
-    quantity starts beyond the threshold.
+    ``ends_phase`` is True if the event ends its phase by itself. Else ``number`` is that of a
+    condition in clauses (`Segment.clauses`, `Release.clauses`): with ``any_phase`` in those of a
+    release or observation event, else in those that end the phase. It is -1 for borders, kinks and
+    ends of spring strokes, which are in no clause. ``direction`` says which crossing counts:
+    "rising", "falling" or "either"; with "" the event also occurs if the quantity starts beyond the
+    threshold.
     """
 
     quantity: int
