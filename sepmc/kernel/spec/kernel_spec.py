@@ -195,9 +195,9 @@ class Segment:
     redundant : int
         Number of redundant rows if each body rotates by itself; if > 0, multipliers are not unique.
     full, least_squares : bool
-        True if every body is a group of its own and accelerations and wrenches are solved for in
-        one system (``full``), or the multipliers of all rows are those of minimum norm
-        (``least_squares``).
+        With ``full``, accelerations and wrenches are solved for in one system; with
+        ``least_squares``, the multipliers of all rows are those of minimum norm. With either, every
+        body is a group of its own.
     events, loads : list of Event
         Events on the state, and on joint forces and moments.
     end_time : tuple of int
@@ -315,8 +315,8 @@ class Segment:
 
     @property
     def ends_by_state(self) -> bool:
-        """True if conditions, not only a time, end the segment: one on the state or on a joint
-        load, or clauses of several conditions."""
+        """True if conditions, not only a given time, may end the segment: one on the state or on a
+        joint load, or any clauses (`clauses`)."""
         return bool(self.clauses) or any(event.ends_phase for event in (*self.events, *self.loads))
 
     @property

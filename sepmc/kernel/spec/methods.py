@@ -1,5 +1,5 @@
-"""Explicit Runge-Kutta methods as data: each checks, when it is made, the row sums of its stage
-matrix and the order conditions of quadrature."""
+"""Explicit Runge-Kutta methods as data. Each checks itself when it is made: row sums of the stage
+matrix, order conditions of quadrature, error weights, and the end of the continuous extension."""
 
 from dataclasses import dataclass, field
 from functools import cache
