@@ -4,8 +4,8 @@ The step to the next event of a segment is predicted from value, rate, accelerat
 condition (`emit_event_step`); the remaining microseconds are one RK4 step
 (`sepmc.kernel.emit.steps.emit_event_polish`). Then the flags of the conditions that are met are set
 (`emit_event_flags`). A case is marked (field UNEVEN) if a condition may have been met and left
-again within a step, and rejected if one may have been met during a release delay
-(`emit_pending_event`).
+again within a step, and left to the kernel variant ANY_ORDER if one may have been met during a
+release delay (`emit_pending_event`).
 """
 
 import math
@@ -35,7 +35,8 @@ _AT_THRESHOLD, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``event_step_SEGMENT(w, typical)``, which stores the predicted time
     to the next event of a segment, at most to END, into STEP. At the start of an interval, an event
-    that ends the phase or belongs to a clause is predicted no later than ``typical``, s.
+    that ends the phase or belongs to a clause is predicted no later than after the typical duration
+    of the segment, ``typical``, s.
 
     Each condition is a scalar g(t) of the state, below zero before the event. Its Taylor polynomial
     to third order gives the time to the event (`sepmc.routines.lanes.time_left`); the jerk is the
@@ -253,9 +254,10 @@ def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr)
 
 
 def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
-    """Write the kernel function ``pending_event_SEGMENT(w, first)``, which rejects a case (for the
-    variant ANY_ORDER) if the condition that ends the next phase may have been met since its last
-    call, while a delayed release is pending; the call with ``first`` = 1.0 only stores values.
+    """Write the kernel function ``pending_event_SEGMENT(w, first)``, which leaves a case to
+    the kernel variant ANY_ORDER (rejects it) if the condition that ends the next phase may have
+    been met since its last call, while a delayed release is pending; the call with ``first`` = 1.0
+    only stores values.
 
     Parameters
     ----------
@@ -437,9 +439,10 @@ def emit_event_flags(out: Text, c: Context) -> None:
 
 
 def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
-    """Add lines to a scope that set the flag of an event to 1 if its condition is met now, and then
-    raise its error indicator to 1 / rate of the condition, since an error of the condition's value
-    causes an error of the event time of error / rate.
+    """Add lines to a scope that set the flag of an event to 1 if its condition is met now. If it
+    was not met before, they also raise its error indicator to 1 / rate of the condition (infinite
+    if it does not rise), since an error of the condition's value causes an error of the event time
+    of error / rate; but not for ends of table cells.
 
     For a kink the mode is set instead (`set_mode`), for an event with a direction the flag of a
     crossing (`_set_crossing_flag`). For the end of a spring's stroke its time is stored too.

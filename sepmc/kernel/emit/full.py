@@ -154,7 +154,7 @@ class FullSystem:
 
     def solve(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Wrench]]:
         """Solve the system: add lines to the scope of the state that store the matrix, solve it,
-        and reject a case (for the variant LEAST_SQUARES) where it is singular.
+        and leave a case in which it is singular to the kernel variant LEAST_SQUARES.
 
         Returns
         -------

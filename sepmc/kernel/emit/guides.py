@@ -25,8 +25,8 @@ Ends = list[tuple[Any, Any]]
 
 def emit_friction(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``friction_SEGMENT(w)``, which stores the friction force of each
-    guide of a segment into the field FRICTION and rejects cases that jam; the other functions of
-    the segment treat friction as a known load. Nothing is written without friction.
+    guide of a segment into the field FRICTION and ends cases that jam (status jammed); the other
+    functions of the segment treat friction as a known load. Nothing is written without friction.
 
     Pin loads are linear in the friction forces: those without friction, and their change per newton
     of each friction force, are passed to `sepmc.routines.friction.balance`.
@@ -114,8 +114,8 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
 
 def guide_loads(s: State, motion: Motion, joint: str) -> list[Any]:
     """Monitored vectors of a guide at a state: the driving force along x that separates its bodies,
-    the pin loads if friction balanced that force, and the present pin loads. A case is rejected
-    (for the variant LEAST_SQUARES) where other constraints along x share the driving force.
+    the pin loads if friction balanced that force, and the present pin loads. A case in which other
+    constraints along x share the driving force is left to the kernel variant LEAST_SQUARES.
 
     Parameters
     ----------

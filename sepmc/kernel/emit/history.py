@@ -207,9 +207,9 @@ def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
 
 def _emit_full_history(out: Text, c: Context) -> None:
     """Write the kernel function ``write_history(w, phase, first, a)`` for a full history: it writes
-    the rows at those requested instants (time, segment, side) that are in the step just made. With
-    side -1 an instant is not in a step that starts at it, with 1 not in one that ends at it; with 0
-    both count."""
+    the rows at those requested instants (time, segment, side) that are in the step just made. Side
+    -1 is the state just before a change at that time (the end of a step, not the start of one),
+    side 1 that just after it; 0: no change."""
     docstring = (
         "Write the rows of the instants (time, segment, side) within the step just made, or at "
         "its end (side -1) or start (side 1)."

@@ -124,8 +124,9 @@ _BORDER = 1e-6  # m, hysteresis of layer borders
 def emit_recentre_air(out: Text, c: Context) -> None:
     """Write the kernel function ``recentre_air(w, far)``, which expands air density and weight of
     each body in the standard atmosphere about its present height, where that is more than ``far``,
-    m, from the height of the last expansion. Unless layer borders are events, it also rejects a
-    case in which a body is outside its layer. Nothing is written without such bodies."""
+    m, from the height of the last expansion. Unless layer borders are events, it also
+    leaves a case in which a body is outside its layer to the kernel variant ANY_ORDER. Nothing is
+    written without such bodies."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
@@ -167,8 +168,8 @@ def emit_recentre_air(out: Text, c: Context) -> None:
 
 def emit_layers(out: Text, c: Context) -> None:
     """Write the kernel function ``enter_layers(w)``, which moves each body that has crossed a
-    border of its layer of the standard atmosphere into the next layer, and rejects a case above or
-    below the atmosphere.
+    border of its layer of the standard atmosphere into the next layer, and ends a case above or
+    below the atmosphere (status outside-atmosphere).
 
     A border counts as crossed `_BORDER` beyond its height, so that a body that has just crossed it
     is not at it; a body that starts on a border belongs to the layer that it moves into.

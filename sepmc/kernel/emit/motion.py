@@ -199,9 +199,10 @@ def _added(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
 
 def emit_correct(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``correct_SEGMENT(w)``, which stores the largest constraint
-    residuals of a segment at the state Y into RESIDUAL_NOW, rejects cases in which rows have become
-    redundant (or have ceased to be) or the state is not finite, and, with ``solver.drift =
-    "projection"``, projects the state onto the constraints."""
+    residuals of a segment at the state Y into RESIDUAL_NOW and, with ``solver.drift =
+    "projection"``, projects the state onto the constraints. A case in which rows have become
+    redundant (or have ceased to be) is left to the kernel variant LEAST_SQUARES; one whose state is
+    not finite is integrated again with smaller steps."""
     if c.emit_alias(out, segment, "correct"):
         return
     corrects = c.spec.scene.solver.drift == "projection"

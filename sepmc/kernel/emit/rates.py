@@ -28,8 +28,8 @@ def emit_rates(out: Text, c: Context) -> None:
 
 def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``rates_SEGMENT(w)``, which computes the derivative D of the state
-    S in a segment (motion, work of the loads, states of signals) and rejects cases in which a
-    formula is undefined; it may also store the monitored joint loads
+    S in a segment (motion, work of the loads, states of signals) and ends cases in which a
+    formula is undefined (status undefined-formula); it may also store the monitored joint loads
     (`Context.wrenches_from_rates`)."""
     properties = [
         " and ".join(group) + " rotate as one rigid group"

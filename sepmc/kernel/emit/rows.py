@@ -209,8 +209,8 @@ class Rows:
         return coefficient + (1.0 - one.mask) if one is two else coefficient
 
     def reject_independent(self, one: JointRow, factors: "Factors") -> None:
-        """Add lines that reject cases (for the variant LEAST_SQUARES) in which ``one``, a row left
-        out as redundant, is independent of these rows, whose factorised coupling matrix is
+        """Add lines that leave cases to the kernel variant LEAST_SQUARES in which ``one``, a row
+        left out as redundant, is independent of these rows, whose factorised coupling matrix is
         ``factors``."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
@@ -222,7 +222,8 @@ class Rows:
     ) -> list[Any]:
         """Right-hand side of the equation for the multipliers, a number for each row: gamma minus G
         times the accelerations without joint forces: ``acceleration`` of mass centres by body,
-        ground axes, ``spin_rate`` by leader, body axes. Unless ``moving``, gamma is left out."""
+        ground axes, ``spin_rate`` by leader, body axes; 0 for an inactive row. Unless ``moving``,
+        gamma is left out."""
         sides = []
         for one in self.rows:
             side = one.gamma if moving else 0.0
@@ -314,8 +315,8 @@ class LeastSquares:
 
     def solve(self, side: list[Any]) -> list[Any]:
         """Return the solution of minimum norm for a right-hand side (a number for each row); add
-        lines that compute it and reject a case (singular-joint) in which a diagonal element is not
-        positive. ``rank`` and ``smallest`` are then those of this solution."""
+        lines that compute it and end a case (status singular-joint) in which a diagonal element of
+        the matrix is not positive. ``rank`` and ``smallest`` are then those of this solution."""
         scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
         self.solutions += 1
         system, solution, rank = (
@@ -393,7 +394,7 @@ def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
     """Add lines that lower the field PIVOT to the smallest pivot of the solver ``factors`` relative
     to its diagonal element in ``coupling``. Where it is too small (redundant rows), a case is
-    rejected for the variant LEAST_SQUARES; with a minimum-norm solver, the largest number of
+    left to the kernel variant LEAST_SQUARES; with a minimum-norm solver, the largest number of
     redundant rows so far is stored in REDUNDANT instead."""
     s.c.start("PIVOT", 1.0)
     smallest = s.scope.load("PIVOT")

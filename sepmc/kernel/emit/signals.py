@@ -574,8 +574,8 @@ def three_numbers(s: State, path: str, slot: int) -> Any:
 
 
 def reject_undefined(s: State) -> None:
-    """Add lines to the scope of a state that reject a case (undefined-formula) where the formula of
-    a signal in use is not finite although the quantities and states in it are."""
+    """Add lines to the scope of a state that end a case (status undefined-formula) where the
+    formula of a signal in use is not finite although the quantities and states in it are."""
     known = signals_of(s)
     finite = getattr(scalar, "math.isfinite")
     for signal in s.spec.formulas.used:

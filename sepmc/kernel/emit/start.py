@@ -36,8 +36,10 @@ def shared_size(c: Context) -> int:
 
 def emit_prepare(out: Text, c: Context) -> None:
     """Write the kernel function ``prepare(w)``, which computes, once per case, the initial state
-    and all values that follow from the parameters alone, and rejects invalid parameters. It must be
-    written after all functions that use such values."""
+    and all values that follow from the parameters alone. It ends cases with invalid parameters
+    (status invalid-input) and, in the variant STANDARD, leaves cases with a joint that fails to
+    release to the kernel variant ANY_ORDER. It must be written after all functions that use such
+    values."""
     spec, workspace, case = c.spec, c.workspace, c.case
     text = out.function(
         "prepare(w)",
@@ -98,8 +100,8 @@ def _optional_slot(slot: int | None) -> list[int]:
 
 
 def _set_initial_state(c: Context) -> None:
-    """Add lines to the scope of the case that set the initial state of the mated vehicle and reject
-    a case (invalid-input) with a mass or inertia tensor that is not positive.
+    """Add lines to the scope of the case that set the initial state of the mated vehicle and end a
+    case (status invalid-input) with a mass or inertia tensor that is not positive.
 
     The frame moves with the initial velocity of the common mass centre: positions and velocities of
     the separation are then small numbers without cancellation. The vehicle rotates about its mass

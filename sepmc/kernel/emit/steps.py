@@ -197,7 +197,7 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """Write the kernel function ``advance_METHOD(w, phase, size, left, typical)``, which makes one
     step in all lanes by a method: the first of ``left`` remaining ones, of ``size`` numbers of the
     state. It sets step length, state Y and time T, error indicators and, if needed, the continuous
-    extension, and rejects cases whose step is too long."""
+    extension. Cases whose step is too long are integrated again with smaller steps."""
     docstring = (
         f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     )
@@ -245,7 +245,7 @@ def _extends(text: Text, c: Context) -> None:
 def emit_event_polish(out: Text, c: Context) -> None:
     """Write the kernel function ``polish_event(w, phase, size)``, which makes the last step to an
     event: a short step by RK4, accurate enough since it is short, then a correction along the
-    derivative. Cases in which either is too long are rejected."""
+    derivative. Cases in which either is too long are integrated again with smaller steps."""
     rk = method("rk4")
     docstring = (
         f"Last step to an event: a short step by {rk.name}, then a correction along the derivative."
@@ -301,8 +301,9 @@ def _emit_stages(
     ``rk``, the state Y and the time T at its end and, with ``error_weights``, its embedded error
     (field EMBEDDED_ERROR).
 
-    ``later`` has rows of weights by which derivatives of the stages are used after the step; of the
-    derivatives that the step itself needs no more, only those with a nonzero weight are stored.
+    ``later``, shape (n, stages), has rows of weights by which derivatives of the stages are used
+    after the step; of the derivatives that the step itself needs no more, only those with a nonzero
+    weight are stored.
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
@@ -341,8 +342,12 @@ def _emit_stages(
 def emit_finish_step(out: Text, c: Context) -> None:
     """Write the kernel function ``finish_step(w, phase)``, which completes a step: it normalises
     attitudes, counts full turns, checks heights in atmosphere layers, projects the state onto the
-    constraints, updates the energy audit, and rejects cases; lanes with a step of zero length keep
-    their values."""
+    constraints, and updates the energy audit; lanes with a step of zero length keep their values.
+
+    It rejects cases: for smaller steps, if a body turned too far or left the range of its air
+    expansion in the step; for another kernel variant, if a body left its atmosphere layer
+    (`_finish_height`) or rows became redundant (`sepmc.kernel.emit.motion.emit_correct`).
+    """
     spec = c.spec
     docstring = (
         "After a step: normalise attitudes, count full turns of pitch and roll, project onto "
@@ -494,7 +499,7 @@ def _finish_height(scope: Scope, c: Context, body: str) -> None:
     """Add lines to a scope that, after a step, raise AIR_DISTANCE to the distance, m, of a body
     from the height about which its air density was expanded.
 
-    If layer borders are not events, they also reject a case (for the variant ANY_ORDER) in which
+    If layer borders are not events, they also leave a case to the kernel variant ANY_ORDER in which
     the body is outside its atmosphere layer at the end of the step or, if its vertical speed
     changed sign, may have been outside within the step.
     """

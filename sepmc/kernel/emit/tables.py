@@ -253,7 +253,7 @@ def _emit_table(
     a cell, also write to ``out`` the kernel function ``sum_CELL(w)``, which sums the table values.
 
     ``start`` is the index of the packed table among the shared numbers; ``cell``, ``point`` and
-    ``values`` are the fields of cell, point and result. A case outside the table is rejected with
+    ``values`` are the fields of cell, point and result. A case outside the table ends with
     the status ``leaves``. Cells of tables with kinks change at the ends of steps only
     (`sepmc.kernel.emit.cells`), but one that is still empty is loaded here: other tables and
     signals read values at the start, before the first step.

@@ -64,7 +64,9 @@ class Kink:
 
 @dataclass(frozen=True)
 class SlackKink:
-    """Kink of a spring that only pushes: its force is cut off at zero. ``spring`` is its name."""
+    """Kink of a spring that only pushes: its force is cut off at zero. The switching function is
+    the force before that (`sepmc.kernel.emit.slack.slack_force`). ``spring`` is the spring's
+    name."""
 
     spring: str
 
