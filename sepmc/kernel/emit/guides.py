@@ -77,8 +77,8 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
     ----------
     s : State
     motion : Motion
-        from `make_motion`; or from `make_drive`: the result is then the change of the forces per
-        newton of the driving force
+        from `make_motion` or `make_wrenches`; or from `make_drive`: the result is then the change
+        of the forces per newton of the driving force
     joint : str
 
     Returns

@@ -203,7 +203,8 @@ def emit_results(text: Text, c: Context) -> None:
     columns, error indicators and end times of segments into the result arrays.
 
     With a final status other than ok and never-released, outcomes and audit columns are NaN. Error
-    indicators are NaN in a case that is marked as uneven, and -inf if its full turns are unclear.
+    indicators are NaN in a case that is marked as uneven, and -inf if its full turns are unclear;
+    both lead to another integration of the case.
 
     Whole columns are copied for all lanes at once: one number at a time took a tenth of the run
     time.

@@ -225,7 +225,8 @@ class Signals:
 
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
         """Jet (value and time derivatives) of ``node``, a call of abs, sign, min or max in the
-        formula of ``signal``, given the jets of its arguments."""
+        formula of ``signal``, given the jets of its arguments. The branch of sign follows the mode
+        of its kink, those of the others the present value of the switching function."""
         first, last = arguments[0], arguments[-1]
         # only sign jumps: the others may pass a kink by the little that a step passes its end
         low, high = self._sides(signal, node, by_mode=node.function == "sign")
