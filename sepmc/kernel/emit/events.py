@@ -254,10 +254,10 @@ def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr)
 
 
 def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
-    """Write the kernel function ``pending_event_SEGMENT(w, first)``, which leaves a case to
-    the kernel variant ANY_ORDER (rejects it) if the condition that ends the next phase may have
-    been met since its last call, while a delayed release is pending; the call with ``first`` = 1.0
-    only stores values.
+    """Write the kernel function ``pending_event_SEGMENT(w, first)``, which leaves a case to the
+    kernel variant ANY_ORDER (rejects it) if the condition that ends the next phase may have been
+    met since its last call, while a delayed release is pending; the call with ``first`` = 1.0 only
+    stores values.
 
     Parameters
     ----------

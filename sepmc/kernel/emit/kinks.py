@@ -52,12 +52,11 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
     """Predict when the switching function of a kink reaches zero.
 
     Returns the expression of the time from the state to that event, s (0 now, infinite if none is
-    in sight, -1 if the mode was wrong in the last step: the case is integrated again with smaller
-    steps), and
-    what the caller stores for later steps, as pairs (workspace field, expression): value of the
-    function, with the sign that makes it negative before the event, and its rate; the present time;
-    the second rate; the mode of the next interval if the present one ends here; the start of the
-    present interval.
+    in sight, -1 if the mode was wrong in the last step: the case is then integrated again with
+    smaller steps), and what the caller stores for later steps, as pairs (workspace field,
+    expression): value of the function, with the sign that makes it negative before the event, and
+    its rate; the present time; the second rate; the mode of the next interval if the present one
+    ends here; the start of the present interval.
     """
     c, scope, kink = s.c, s.scope, event.item
     name, field = f"{s.segment.name}_{kink}", mode_field(kink)

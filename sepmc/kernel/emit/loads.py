@@ -124,9 +124,9 @@ _BORDER = 1e-6  # m, hysteresis of layer borders
 def emit_recentre_air(out: Text, c: Context) -> None:
     """Write the kernel function ``recentre_air(w, far)``, which expands air density and weight of
     each body in the standard atmosphere about its present height, where that is more than ``far``,
-    m, from the height of the last expansion. Unless layer borders are events, it also
-    leaves a case in which a body is outside its layer to the kernel variant ANY_ORDER. Nothing is
-    written without such bodies."""
+    m, from the height of the last expansion. Unless layer borders are events, it also leaves a case
+    in which a body is outside its layer to the kernel variant ANY_ORDER. Nothing is written without
+    such bodies."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return

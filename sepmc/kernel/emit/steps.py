@@ -197,9 +197,8 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """Write the kernel function ``advance_METHOD(w, phase, size, left, typical)``, which makes one
     step in all lanes by a method: the first of ``left`` remaining ones, of ``size`` numbers of the
     state. It sets step length, state Y and time T, error indicators and, if needed, the continuous
-    extension. Cases whose step is much longer than the one before are marked as uneven
-    (UNEVEN); if it is more than three times as long, they are integrated again with smaller
-    steps."""
+    extension. Cases whose step is much longer than the one before are marked (field UNEVEN); if it
+    is more than three times as long, they are integrated again with smaller steps."""
     docstring = (
         f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     )

@@ -231,8 +231,8 @@ def _clamp(text: Text, c: Context, start: int, cell: str, point: str) -> None:
 
 
 def axis_ends(c: Context, start: int, axis: int) -> tuple[int, int]:
-    """Indices, among the shared numbers, of the first and the last break of an axis (0 to 2) of the
-    packed table with index ``start``: the ends of its range."""
+    """Indices, among the shared numbers (as in `table_start`), of the first and the last break of
+    an axis (0 to 2) of the packed table with index ``start``: the ends of its range."""
     at_axis = start + 1
     for _ in range(axis):
         at_axis += 2 + 17 * int(c.spec.layout.model.numbers[at_axis])
@@ -355,21 +355,22 @@ def _increments(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
 
 
 def table_start(c: Context, body: str) -> int:
-    """Index, among the shared numbers, of the packed aerodynamic table of a body; -1 without."""
+    """Index, among the shared numbers (those of all cases, in the field SHARED), of the packed
+    aerodynamic table of a body; -1 without."""
     return int(
         c.spec.layout.model.table[int(c.model.aero_table_i) + list(c.spec.bodies).index(body)]
     )
 
 
 def proximity_start(c: Context, number: int) -> int:
-    """Index, among the shared numbers, of the packed table of proximity increments with the given
-    number in the scene."""
+    """Index, among the shared numbers (as in `table_start`), of the packed table of proximity
+    increments with the given number in the scene."""
     return int(c.spec.layout.model.table[int(c.model.proximity_i) + number])
 
 
 def force_table_start(c: Context, number: int) -> int:
-    """Index, among the shared numbers, of the packed force table of the spring with the given
-    number in the scene; -1 without."""
+    """Index, among the shared numbers (as in `table_start`), of the packed force table of the
+    spring with the given number in the scene; -1 without."""
     return int(c.spec.layout.model.table[int(c.model.force_tables_i) + number])
 
 
