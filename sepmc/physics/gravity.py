@@ -7,7 +7,7 @@ from sepmc.physics.us1976_table import R0
 
 @formula
 def inverse_square(surface, height):
-    """Acceleration g0 (R0 / (R0 + z))^2; eq (17) of the 1976 standard.
+    """Acceleration g0 (R0 / (R0 + z))^2, with R0 = 6356766 m; eq (17) of the 1976 standard.
 
     Parameters
     ----------

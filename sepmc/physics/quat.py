@@ -113,7 +113,8 @@ def may_wind(u, v, deviation):
 
     That is so if the straight line from u to v comes closer to the origin than ``deviation``. The
     change of the path's angle about the origin is then known only up to a full turn. If the line
-    passes through the origin itself (to 1e-9), the answer is False.
+    passes through the origin itself (to 1e-9), the side is a matter of round-off, and the answer is
+    False.
 
     Parameters
     ----------

@@ -48,9 +48,9 @@ def rim_gap(rim, shell, margin):
         (start, axis, length, r0, r1), length > 0.
     margin : float
         0 for the distance itself. A value above 0, m, for a bound: if all points of the rim move by
-        at most ``margin``, none comes nearer than the result minus ``margin``. The wall is then
-        extended by ``margin`` beyond both ends, and the range outside of it in which points count
-        as passed by ``margin``, too.
+        at most ``margin``, none comes nearer than the result minus ``margin``. Then the wall is
+        extended by ``margin`` beyond both ends; and so is, further out, the range outside the wall
+        in which points count as passed.
 
     Returns
     -------
@@ -109,9 +109,9 @@ def axes(normal, axis):
 
 @routine
 def _arc(z0, b, length, margin):
-    """Range (low, high) of angles, rad, from 0 to pi, in which a rim with z = z0 + b cos(angle)
-    lies between the ends of a shell: -margin <= z <= length + margin. low > high if there is
-    none."""
+    """Range (low, high) of angles, rad, from 0 to pi, in which a rim with z = z0 + b cos(angle),
+    b >= 0, lies between the ends of a shell: -margin <= z <= length + margin. low > high if there
+    is none."""
     highest, lowest = length + margin - z0, -margin - z0
     if not (highest >= -b and lowest <= b):
         return 1.0, 0.0
@@ -230,8 +230,9 @@ def _signed(angle, side, ellipse, wall):
 
 @routine
 def _search(ellipse, wall, low, high, summit):
-    """Search the angle and the side (`rim_point`) of the point of a rim that is nearest to a wall,
-    between the angles ``low`` and ``high`` of both sides. ``ellipse`` and ``wall`` as in `_signed`.
+    """Return the angle and the side (1 or -1, `rim_point`) of the point of a rim that is nearest to
+    a wall, by a search of both sides between the angles ``low`` and ``high``. ``ellipse`` and
+    ``wall`` as in `_signed`.
 
     It is used where this need not be the ``summit`` (the angle of the largest rho - slope z): an
     edge of the shell may be nearest, or some of the rim has passed the wall or is beside it. Among

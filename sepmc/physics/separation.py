@@ -47,7 +47,7 @@ def widest_gap(a, b, v, relative, round_off):
         m; NaN if the method did not converge, as where the parts overlap, or where a nearest point
         is within an end face, or both are on sides.
     p, q : tuple of 3 float
-        Nearest points of a and b.
+        Nearest points of a and b; without meaning if the distance is NaN.
     """
     noinline()
     u = scale(1.0 / math.sqrt(dot(v, v)), v)

@@ -256,9 +256,10 @@ def add_force_table(pool: Pool, spring: Spring, dispersed: frozenset[str]) -> in
 
 
 def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
-    """Append the outline of body ``name`` to the pool, layout.PART_SIZE numbers for each part
-    (shell, disc or point). Return the index of the first number and the number of parts; the angles
-    of a sector are stored, and count, as one more part."""
+    """Append the outline of body ``name`` to the pool, layout.PART_SIZE numbers for each part: a
+    solid frustum or disc, a shell, a sector, or a single point. Return the index of the first
+    number and the number of parts (0 without an outline); the angles of a sector are stored, and
+    count, as one more part."""
     elements = []
     for element in scene.body[name].outline if name in scene.body else ():
         if element.stations is not None and element.radii is not None:

@@ -428,8 +428,8 @@ def _model(
 
 
 def _pivot_joint(scene: Scene) -> int:
-    """Number of the joint about which the vehicle rotates at the start: the first joint to the
-    ground that is not free in the first phase; -1 if there is none."""
+    """Number, from 0, of the joint about which the vehicle rotates at the start: the first joint to
+    the ground that is not free in the first phase; -1 if there is none."""
     for number, (name, joint) in enumerate(scene.joint.items()):
         if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
             return number

@@ -45,9 +45,10 @@ def pack(
         the functions at the grid points
     ends : {"not-a-knot", "flat", "constant"}
         behaviour at the ends of every axis. "not-a-knot" reproduces cubic polynomials; "flat" has
-        zero slope at both ends, which is smooth if the function is constant beyond (ignored for
-        lines). "constant" is "not-a-knot" within the range, with one more, very long span beyond
-        each end, in which the function is constant: it has kinks at the ends.
+        zero slope at both ends, which is smooth if the function is constant beyond (ignored with
+        the interpolations "linear" and "steps"). "constant" is "not-a-knot" within the range, with
+        one more, very long span beyond each end, in which the function is constant: it has kinks at
+        the ends.
     interpolation : {"cubic", "linear", "monotone", "steps"}, or one for each axis
 
     Returns
@@ -106,8 +107,8 @@ def _axis(points, ends):
 
 def _lines(points):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
-    lines, and the matrix, shape (coefficients, points), that maps tabulated values to coefficients:
-    the values and two zeros."""
+    linear interpolation, and the matrix, shape (coefficients, points), that maps tabulated values
+    to coefficients: the values and two zeros."""
     widths = np.diff(points)
     pieces = np.zeros((len(widths), 4, 4))
     pieces[:, 0, 0], pieces[:, 0, 1], pieces[:, 1, 1] = 1.0, -1.0 / widths, 1.0 / widths
@@ -116,8 +117,8 @@ def _lines(points):
 
 def _steps(points):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
-    steps, and the matrix, shape (coefficients, points), that maps tabulated values to coefficients:
-    the values and three zeros."""
+    steps (each value from its point up to the next one), and the matrix, shape (coefficients,
+    points), that maps tabulated values to coefficients: the values and three zeros."""
     pieces = np.zeros((len(points), 4, 4))
     pieces[:, 0, 0] = 1.0
     breaks = [*points, points[-1] + FAR]

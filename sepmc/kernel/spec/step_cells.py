@@ -4,9 +4,9 @@ A cell is the part of a table between neighbouring rows along each axis. A lane 
 integrated side by side) stores the cell that its point is in. In a table with kinks this cell
 changes only at the end of a step, so that no step passes a kink.
 
-A table has kinks where it is made of lines, where a force table is continued as a constant within
-the stroke of its spring, and where the force of a spring drops as its extension shrinks. Rows of
-monotone force tables count as kinks: their second derivative jumps.
+A table has kinks where it is interpolated linearly, where a force table is continued as a constant
+within the stroke of its spring, and where the force of a spring drops as its extension shrinks.
+Rows of monotone force tables count as kinks: their second derivative jumps.
 """
 
 from sepmc.scene.model import AeroTable, Scene, Spring
@@ -65,7 +65,8 @@ def step_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, 
     -------
     dict of str to tuple of int
         by the name of the workspace field of a cell (one for each body and table that it uses, each
-        table of increments, each spring): the axes (0 to 2) along which the cell has ends
+        table of increments, each spring): the axes (0 to 2) along which the cell has ends; those
+        of a spring are 0, the extension, and 1, its rate if the table has a return factor
     """
     environment, cells = scene.environment, dict[str, tuple[int, ...]]()
     air, wind = environment.air, environment.wind.profile
@@ -89,8 +90,9 @@ def step_cells(scene: Scene, dispersed: frozenset[str]) -> dict[str, tuple[int, 
 
 
 def _kinked_axes(table: AeroTable | None) -> tuple[int, ...]:
-    """Axes (0 Mach number, 1 alpha, 2 beta) with more than one point of an aerodynamic table of
-    lines; empty for other tables, and if no axis has more than two points (no kinks)."""
+    """Axes (0 Mach number, 1 alpha, 2 beta) with more than one point of an aerodynamic table with
+    linear interpolation; empty for other tables, and if no axis has more than two points, since
+    the table has no kinks then."""
     if table is None or table.interpolation != "linear":
         return ()
     counts = [len(axis) for axis in (table.mach, table.alpha, table.beta)]

@@ -197,7 +197,8 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
 
 
 def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
-    """Maximum number of instants of a case at which a sample is taken or begins to be used."""
+    """Return an upper bound of the number of instants of a case at which any sampled signal takes
+    a sample, or begins to output one that it took earlier (`delay`)."""
     count = 0
     for signal in scene.signal:
         if signal.sample is not None:
@@ -275,8 +276,8 @@ def _possible_kinds(
     scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool
 ) -> Kinds:
     """Kinds that a joint may have in phase number ``phase``, as row codes by the number of the
-    kind: the kind of the phase, those that releases change it to and, with ``any_order``, those of
-    earlier phases if its release may be delayed or fail."""
+    kind: the kind of the phase, those with fewer rows to which releases change it and, with
+    ``any_order``, those of earlier phases if its release may be delayed or fail."""
     numbers_of_phases = [_kind_in_phase(scene, joint, phase)]
     if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
         numbers_of_phases = [_kind_in_phase(scene, joint, number) for number in range(phase + 1)]
@@ -300,8 +301,9 @@ def _add_late(
     dispersed: frozenset[str],
     releases: list[Release],
 ) -> None:
-    """Add what delayed releases before phase ``number``, whose segment is ``segment``, require;
-    ``segments`` are those before it. Without delayed releases, change nothing.
+    """Prepare the segments for joints whose release at the start of phase ``number`` is delayed.
+    ``segment`` is that of the phase, and is marked (`Segment.after_late`); ``segments`` are those
+    before it. Without delayed releases, change nothing.
 
     If the last of ``segments`` ends at a time and only one joint changes, the delay is added to
     that time. Otherwise a segment is appended to ``segments`` in which the delayed joints keep
@@ -404,8 +406,9 @@ def _clauses(
     number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
     """Return the clauses of event ``number`` (as numbered in `Conditions`), each a tuple of
-    condition numbers (those of the leaves); then their conditions by type: times by number, springs
-    whose end of stroke counts by number, conditions on the state, conditions on joint loads."""
+    condition numbers (those of the leaves; the event occurs when all conditions of any clause are
+    met); then their conditions by type: times by number, springs whose end of stroke counts by
+    number, conditions on the state, conditions on joint loads."""
     conditions, first = (
         make_conditions(layout.scene, dispersed),
         int(layout.model.scene[0].leaves_p),
@@ -436,7 +439,8 @@ def _clauses(
 
 
 def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
-    """Releases with conditions of their own, then observation events, of a scene."""
+    """Releases with conditions of their own (``release`` in the file), then the observation events
+    of a scene, which are releases without a joint."""
     names = [(r.name, r.joint) for r in layout.scene.release]
     names += [(event.name, "") for event in layout.scene.event]
     return [
@@ -524,8 +528,9 @@ def _make_segment(
     the ``releases`` that may occur in it. What ends it is set by the caller.
 
     Rotation rows within a rigid group are left out, since its bodies share one attitude; so are
-    redundant rows (`Segment.dropped`). In the full formulation, in the variant LEAST_SQUARES, and
-    in ANY_ORDER with redundant rows, every body is a group of its own and all rows stay.
+    redundant rows (`Segment.dropped`). In the full formulation without redundant rows, in the
+    variant LEAST_SQUARES, and in ANY_ORDER with redundant rows, every body is a group of its own
+    and all rows stay.
     """
     numbers = {r.name: _kind_number(scene, r.joint, r.to) for r in scene.release}
     lighting = {motor.trigger.release for motor in scene.motor if motor.trigger is not None}

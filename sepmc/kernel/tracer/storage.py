@@ -91,7 +91,7 @@ READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
 
 def number_code(a: Any) -> str:
     """Python code of a number that is known while the kernel is written: ``math.nan``,
-    ``math.inf``, or its repr."""
+    ``math.inf``, ``-math.inf``, or its repr."""
     if isinstance(a, float) and not math.isfinite(a):
         return "math.nan" if math.isnan(a) else "math.inf" if a > 0.0 else "-math.inf"
     return repr(a)
