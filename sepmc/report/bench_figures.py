@@ -106,7 +106,7 @@ def _error_axes(ax: Axes, frame: pd.DataFrame, floor: float) -> None:
 
 def _row_errors(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     """Draw the true error of every case (``true_error``) over its estimated one (``error``); errors
-    below ``floor``, the resolution of the reference, are clipped."""
+    below a third of ``floor``, the resolution of the reference, are drawn at that third."""
     figure, (ax,) = make_axes(1, 1, (7.0, 6.0))
     estimated = _clipped(frame["error"], floor)
     true = _clipped(frame["true_error"], floor)
@@ -156,14 +156,14 @@ def _plain_decades(ax: Axes, which: str) -> None:
 
 
 def _clipped(errors: pd.Series, floor: float) -> pd.Series:
-    """Return errors with those below a third of ``floor`` raised to it, so that 0 can be drawn on a
-    logarithmic scale."""
+    """Return errors, those below a third of ``floor`` replaced by that third, so that 0 can be
+    drawn on a logarithmic scale."""
     return errors.clip(lower=floor / 3.0)
 
 
 def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     """Draw error over kernel time per case, a line for each integration method and formulation, and
-    the default setting as a star; errors below ``floor`` are clipped."""
+    the default setting as a star; errors below a third of ``floor`` are drawn at that third."""
     figure, (ax,) = make_axes(1, 1, (7.6, 5.6))
     for (formulation, method), rows in (
         (map(str, key), rows) for key, rows in frame.groupby(["formulation", "method"], sort=False)
@@ -210,8 +210,8 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     and steps by hand). Of an engine with a default setting, as sepmc, only the kind of the default
     is drawn.
 
-    Errors below ``floor``, the resolution of the reference, are clipped. Times that were scaled up
-    from fewer cases get markers without a line.
+    Errors below a third of ``floor``, the resolution of the reference, are drawn at that third.
+    Times that were scaled up from fewer cases get markers without a line.
     """
     figure, (ax,) = make_axes(1, 1, (8.4, 6.2))
     frame = frame[np.isfinite(frame["error"])].assign(
@@ -239,8 +239,9 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
-    """Draw kernel time and floating-point operations of the scene without each feature (or with
-    histories), relative to the whole scene, which is the first row of ``frame``."""
+    """Draw kernel time and floating-point operations of the scene without one of its features (or
+    with histories), relative to the whole scene: a pair of bars for each row of ``frame`` after the
+    first, which is the whole scene."""
     figure, (ax,) = make_axes(1, 1, (7.6, 1.6 + 0.55 * len(frame)))
     rows = frame.iloc[1:][::-1]
     positions = np.arange(len(rows))

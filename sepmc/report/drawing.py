@@ -335,8 +335,9 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
 
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
-    """Draw each motor, each spring between two bodies and each load in body axes as an arrow of the
-    same ``length`` (m) in the direction of its force."""
+    """Draw each motor, each spring (except those whose second body is the ground) and each load
+    with a force in body axes as an arrow of the same ``length`` (m) in the direction of its force;
+    for a spring that is the force on its second body."""
     scene = with_sizes(scene)
     for spring in scene.spring:
         # body x points forward, stations count aft

@@ -53,7 +53,8 @@ class Panel(NamedTuple):
         Styles of the lines in order, repeated if there are more lines.
     small_counts : bool
         True if small values matter, as for a clearance: the minimum is then part of the label, and
-        the scale is logarithmic if the values span more than a factor of ten.
+        the scale is logarithmic if values and ``required`` are positive and span more than a factor
+        of ten.
     quantity : str
         Panels of a figure with the same quantity share a scale; empty: none shared.
     required : sequence of float
@@ -81,7 +82,8 @@ def run_figures(
     marks: Mapping[str, float] | None = None,
 ) -> list[Path]:
     """Draw the motion, forces and clearances of one case over time, a file for each kind. Thin
-    lines mark the phases, named above; dotted lines mark releases and events, named in the legend.
+    lines mark the phases, named above; dotted and dashed vertical lines mark releases and events,
+    named in the legend.
 
     Parameters
     ----------
@@ -117,8 +119,8 @@ def run_figures(
     list of Path
         Files written: ``force_on_<body>``, ``moment_on_<body>``, ``rates``, ``angles``,
         ``axial_acceleration``, ``separation``, ``hinges``, ``relative_motion``, ``signals``,
-        ``clearances``, ``pin_loads``, each + suffix. Those without data are left out, and so are
-        forces, moments and separations that stay 0.
+        ``clearances``, ``pin_loads``, each + suffix; ``signals`` shows the first 12. Those without
+        data are left out, and so are forces, moments and separations that stay 0.
     """
     folder, written = make_folder(folder), []
 
@@ -394,8 +396,8 @@ _SHORT, _TALL = 26, 48  # 10 pt letters along the ordinate of stacked and of sin
 
 
 def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
-    """Return the label of a panel's ordinate, folded to lines of at most ``letters`` characters; if
-    small values matter, with a line on the minimum of its first column."""
+    """Return the label of a panel's ordinate, folded to lines of at most ``letters`` characters;
+    with `Panel.small_counts` it has another line: the minimum of its first column, and when."""
     text, name = fill(panel.label, letters), panel.lines[0][0]
     if not panel.small_counts or not history[name].notna().any():
         return text

@@ -98,9 +98,10 @@ def _of_table(table: ForceTable, extension: np.ndarray, rate: np.ndarray) -> np.
 def _line(
     history: pd.DataFrame, scene: Scene, spring: Spring, motion: Poses
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return for each row of a history the unit vector (n, 3), in the axes of ``motion``, along
-    which a spring pushes its second body, its length (n,), m, and the rate of its length (n,),
-    m/s. A spring with an axis has its length measured along that axis of its first body."""
+    """Return, for each of the n rows of a history, the unit vector (n, 3), in the axes of
+    ``motion``, along which a spring pushes its second body; the length of the spring (n,), m; and
+    the rate of that length (n,), m/s. The length of a spring with an axis is measured along that
+    axis of its first body."""
     ends, velocities, spins = [], [], []
     for body, point in zip(
         spring.bodies, (spring.point, spring.second_point or spring.point), strict=True

@@ -73,8 +73,8 @@ def map_figure(
 
 
 def _codes(designs: DesignMap, requirement: Requirement) -> np.ndarray:
-    """Return the verdicts on a requirement over the grid, shape (count of y, count of x): `_PASS`,
-    `_OPEN`, `_LACKING` or `_FAIL`."""
+    """Return the verdicts on a requirement over the grid, shape (count of y, count of x): `_PASS`;
+    `_FAIL`; `_LACKING`, open only because cases lack the outcome; or `_OPEN`, open otherwise."""
     verdicts = designs.grid(requirement.name)
     lacking = designs.open_by_lacking(requirement).reshape(verdicts.shape)
     kinds = [verdicts == PASS, verdicts == FAIL, lacking]

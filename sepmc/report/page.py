@@ -262,8 +262,8 @@ def _statistics(
 
 
 def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
-    """Return the texts of a verdict for a row of the table of requirements, by the names that the
-    template uses; ``unit`` is that of the outcome."""
+    """Return the texts and numbers of a verdict for a row of the table of requirements, by the
+    names that the template uses; ``unit`` is that of the outcome."""
     unit = "" if unit == "1" else unit
 
     def format_value(value: float | None) -> str:

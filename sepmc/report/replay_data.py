@@ -130,8 +130,9 @@ def _part(part: PlacedPart) -> dict[str, Any]:
 
 
 def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the arrows of the constraint forces, one for each joint between two bodies: its force
-    on the second body; ``until`` is the time of its release, s, or None."""
+    """Return the arrows (`replay_data`) of the constraint forces, one for each joint between two
+    bodies: its force on the second body; ``until`` is the time of its release, s, or None if it is
+    not released."""
     arrows, bodies = [], list(scene.body)
     releases = history.attrs["releases"]
     for name, force in motion.forces.items():
