@@ -36,8 +36,8 @@ def exceedance_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw for each requirement the fraction of cases beyond each value of its outcome, with its
-    95 % Clopper-Pearson band.
+    """Draw for each requirement the fraction of cases beyond each value of its outcome (above it if
+    the bound is an upper one, below it if a lower one), with its 95 % Clopper-Pearson band.
 
     For a requirement with two bounds it is the fraction of cases below each value of the margin,
     the signed distance from the nearer bound.

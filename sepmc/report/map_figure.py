@@ -110,8 +110,9 @@ def _draw_plane(
 def _draw_line(
     ax: Axes, designs: DesignMap, requirement: Requirement, nominal: tuple[float | None, ...]
 ) -> None:
-    """Draw a map with one axis: the percentage of violating cases with its 95 % interval, and the
-    verdicts as colours behind it; arguments as for `map_figure`."""
+    """Draw a map with one axis: the percentage of violating cases with its two-sided interval
+    (`DesignMap.interval_confidence`, at least 95 %), and the verdicts as colours behind it;
+    arguments as for `map_figure`."""
     axis, name = designs.axes[0], requirement.name
     x, codes = axis.values, _codes(designs, requirement)[0]
     edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])

@@ -108,7 +108,8 @@ def tornado_figure(
 
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
     """Draw the first-order indices, and the total ones if there are any, of the n inputs in the
-    rows of ``top`` with their 95 % intervals, at the ordinates ``places`` (n,)."""
+    rows of ``top`` with their 95 % intervals, at the ordinates ``places`` (n,); without either, a
+    note that no estimator is valid."""
     for name, aside, marker, colour, text in (
         ("first", 0.12, "o", BLACK, "first-order index"),
         ("total", -0.12, "s", GREEN, "total index"),
@@ -223,8 +224,8 @@ def scatter_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw each outcome over its three leading inputs, a dot per case and a row of panels per
-    outcome.
+    """Draw each outcome over its three leading inputs, in a row of panels per outcome: a dot for
+    each of the first 1,500 cases, and for those with the extremes of all cases.
 
     Parameters
     ----------
@@ -234,9 +235,9 @@ def scatter_figure(
         Inputs and outcomes in the ok cases.
     violating : mapping of outcome to ndarray, shape (2, n), bool
         True in the first row for cases that violate the requirement on the outcome, or any
-        requirement if there is none on it, drawn as crosses; in the second row for those that lack
-        the outcome of such a requirement, drawn as plus signs: at the lower edge of the panel if
-        they lack the outcome that it shows.
+        requirement if there is none on it, all drawn as crosses; in the second row for those that
+        lack the outcome of such a requirement, all drawn as plus signs: at the lower edge of the
+        panel if they lack the outcome that it shows.
 
     Returns
     -------

@@ -352,8 +352,8 @@ def _add_late(
 
 
 def _has_equal_rows(segment: Segment, late: Segment) -> bool:
-    """True if a segment, in which no joint changes, has the same rigid groups and constraint rows
-    as the next one, ``late``, has until its delayed releases, and neither has redundant rows."""
+    """True if no joint changes in a segment, it has the same rigid groups and constraint rows as
+    the next one, ``late``, has until its delayed releases, and neither has redundant rows."""
     return not (
         segment.variable_joints or segment.dropped or segment.redundant or late.redundant
     ) and (
