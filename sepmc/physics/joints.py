@@ -77,7 +77,7 @@ def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
     Returns
     -------
     arm_a, arm_b : tuple of 3 float
-        m.
+        Factors of omega_A' and omega_B' in C'' (moments of a unit force along e), m.
     gamma : float
         m/s2.
     """
@@ -131,7 +131,7 @@ def rotation_rate(a, b, omega_a, omega_b):
 
 @formula
 def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
-    """Row of a rod: direction, arms and gamma in its second derivative C'', which has the form
+    """Row of a rod: e, arm_a, arm_b and gamma in its second derivative C'', which has the form
     given in `translation`. They are not finite if the length of the rod is zero.
 
     Parameters
@@ -144,7 +144,7 @@ def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
     e : tuple of 3 float
         Unit vector along the rod, from A to B.
     arm_a, arm_b : tuple of 3 float
-        m.
+        As in `translation`, m.
     gamma : float
         m/s2.
     """

@@ -78,7 +78,7 @@ def growth(x):
 
 @formula
 def power(x, y):
-    """Power x^y of a base that is not negative.
+    """Power x^y of a base that is not negative; 0^0 is 1.
 
     Parameters
     ----------

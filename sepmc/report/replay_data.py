@@ -181,8 +181,8 @@ def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np
 
 
 def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the arrows of the forces of springs, on their second bodies, and of loads; ``until``
-    is the time at which each stops acting, s, or None."""
+    """Return the arrows (`replay_data`) of the forces of springs, on their second bodies, and of
+    loads; ``until`` is the time at which each stops acting, s, or None if it acts to the end."""
     arrows, bodies, ends = [], list(scene.body), history.attrs["springs"]
     for spring, force in spring_forces(history, scene, motion):
         second, end = spring.bodies[1], ends.get(spring.name, np.nan)

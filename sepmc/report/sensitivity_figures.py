@@ -44,8 +44,8 @@ def tornado_figure(
     indices with 95 % intervals.
 
     The bars of an input end at the mean of the outcome over the cases with the lowest and with the
-    highest tenth of the input. They are pale where neither the shift of the mean nor the
-    first-order index is significant.
+    highest tenth of the input (of an input of few values: with its lowest and highest value). They
+    are pale where neither the shift of the mean nor the first-order index is significant.
 
     Parameters
     ----------
