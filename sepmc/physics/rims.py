@@ -235,9 +235,9 @@ def _search(ellipse, wall, low, high, summit):
     ``wall`` as in `_signed`.
 
     It is used where this need not be the ``summit`` (the angle of the largest rho - slope z): an
-    edge of the shell may be nearest, or some of the rim has passed the wall or is beside it. Among
-    equidistant points of the arc every local minimum is refined, and so is every angle at which the
-    rim changes between passed and beside.
+    edge of the shell may be nearest, or some of the rim has passed the wall or is beside it (as in
+    `outlines.inside_gap`). The distance is sampled at equal steps of the angle; local minima of the
+    samples are refined, and so are the angles at which the rim changes between passed and beside.
     """
     noinline()
     piece = (high - low) / _PIECES

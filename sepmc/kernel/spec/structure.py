@@ -88,10 +88,10 @@ def make_kernel_spec(
     """Derive the kernel specification of a scene.
 
     In the variant STANDARD a joint with a release delay is released in a segment of its own between
-    two phases; a case in which the next phase ends meanwhile is rejected. In ANY_ORDER (also chosen
-    instead of STANDARD for scenes that need it) such a joint may be released in any phase: the
-    segments are the phases, and rows of the joint are masked once it is released. In LEAST_SQUARES,
-    besides, rows may become redundant, or cease to be, during a case.
+    two phases; a case in which the next phase ends meanwhile is rejected, and needs ANY_ORDER. In
+    ANY_ORDER (also chosen instead of STANDARD for scenes that need it) such a joint may be released
+    in any phase: the segments are the phases, and rows of the joint are masked once it is released.
+    In LEAST_SQUARES, besides, rows may become redundant, or cease to be, during a case.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def _add_late(
     their kinds and all others have those of phase ``number``.
 
     The end condition of phase ``number`` is evaluated meanwhile (`Segment.pending_event`); cases in
-    which it may have been met are rejected.
+    which it may have been met are rejected (`Variant`): another kernel integrates them.
     """
     scene, phase = layout.scene, layout.scene.phase[number]
     changed = [
