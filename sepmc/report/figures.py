@@ -221,9 +221,10 @@ def _histogram(
 ) -> None:
     """Draw the histogram of an outcome as a density, on a logarithmic axis if it has a long tail.
 
-    Also marked are the extremes, the ``reference`` values, the ``required`` bounds and, if the
-    distribution is nearly normal, the normal density of equal mean and sigma. ``words`` and
-    ``unit`` label the axis; ``source`` names the reference.
+    Also marked are the extremes, the ``reference`` values, the ``required`` bounds (those far
+    outside are named in the title instead) and, if the distribution is nearly normal, the normal
+    density of equal mean and sigma. ``words`` and ``unit`` label the axis; ``source`` names the
+    reference.
     """
     mean, sigma, has_bins = histogram.mean, histogram.sigma, histogram.edges.size > 0
     if has_bins:

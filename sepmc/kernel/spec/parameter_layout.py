@@ -259,8 +259,9 @@ def _varied(
     scene: Scene, dispersed: frozenset[str], start: int
 ) -> tuple[dict[str, int], dict[str, int], list[float]]:
     """Lay out the parameters that follow the blocks: constants of signals, return factors of
-    springs, and quantities that all cases share unless they are dispersed (axes of joints and
-    springs, outlines, factor and turn of the wind profile).
+    springs with unloading (`has_unloading`), and quantities that all cases share unless they are
+    dispersed (axes of joints and springs, outlines, factor and turn of the wind profile; these two
+    also if a profile with monotone interpolation has a turn).
 
     Returns their indices by path, from ``start`` on; the index of the first part of each dispersed
     outline, by body (parts as in `sepmc.routines.clearances.load_outline`); their nominal values.
