@@ -8,7 +8,7 @@ OF_NOTES = {
     "`relative = true`, or change the width",
     r"can hold its bodies still": "`return_factor = 1`, forces of at least 0, or `push_only`",
     r"the weights add up to": "they are normalised; change them if that is not meant",
-    r"may not have, and are not run": "bound the distribution with `truncate_sigma`",
+    r"does not allow, and are not run": "bound the distribution with `truncate_sigma`",
     r"overlap at the start": "move a station, or give the clearance `after`",
     r"nearly level along its x axis": "give `apart = 1` or `-1`: the sign of the separation is "
     "otherwise decided by a few millimetres",

@@ -88,7 +88,7 @@ def first_reached(w, nodes, stride, scratch, threshold):
 @routine
 def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
     """Find where in a step the magnitude of a vector first crosses a threshold in a direction that
-    counts.
+    counts. To reach the threshold and stay at it is a crossing too.
 
     Parameters
     ----------
@@ -182,8 +182,9 @@ def _side(size, threshold, last_side):
 
 @routine
 def _turns(sizes, w, i, side):
-    """Return True if, next to node ``i``, the magnitude has a peak (``side`` 1: it is below the
-    threshold) or a minimum (-1: above); its values at the nodes are stored at w[sizes]."""
+    """Return True if the magnitude has a peak (``side`` 1: it is below the threshold; see
+    `peaks.rises`) or a minimum (-1: above) near node ``i``. A minimum shows by a value at the node
+    that exceeds neither of its neighbours. The values at the nodes are stored at w[sizes]."""
     if side > 0.0:
         return rises(sizes, w, i)
     previous, current, following = (

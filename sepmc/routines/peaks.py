@@ -52,8 +52,8 @@ _GAUSS = (
 
 
 def _on_both_sides(values, sign=1.0):
-    """Return the numbers at all points of a symmetric rule, from those at the middle point and
-    above; those below get the factor ``sign``."""
+    """Return the numbers at all points of a symmetric rule, from left to right. ``values`` has
+    those from the middle point to the right end; their mirror images get the factor ``sign``."""
     return np.array([*(sign * x for x in values[:0:-1]), *values])
 
 

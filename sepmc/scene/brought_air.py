@@ -153,6 +153,9 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     wind comes, to ``direction_deg``, the direction from ground x to which it blows, and
     geopotential to geometric heights.
 
+    ``from_deg`` needs ``azimuth_deg``, the compass direction of ground x, which is removed from the
+    table.
+
     Parameters
     ----------
     key_path : str

@@ -169,7 +169,7 @@ def _marked(name: str) -> str:
 
 def _node(tree: ast.expr, depth: int) -> Node:
     """Convert a Python expression, nested ``depth`` deep in the formula, to a node. Raises
-    FormulaError if it is of a kind that formulas do not have."""
+    FormulaError if it is of a kind that formulas do not have, or nested too deep."""
     if depth > MAX_DEPTH:
         raise FormulaError(f"must be nested at most {MAX_DEPTH} deep")
 

@@ -17,7 +17,8 @@ _KNOTS = 257  # quantiles kept of a column with more values
 
 
 class Reader(Protocol):
-    """Function that reads the file of a table of sampled inputs."""
+    """Type of a function that reads a table of sampled inputs: it takes the path of the file and a
+    `Problems`, and returns the table, or None after adding problems."""
 
     def __call__(self, path: Path, problems: Problems) -> "InputTable | None":
         """Return the table in the file at ``path``; on failure None, after adding problems."""

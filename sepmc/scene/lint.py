@@ -182,8 +182,8 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
             count = probability * cases
             yield (
                 f"dispersion of {each.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}}"
-                f" of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
-                "the key may not have, and are not run (status invalid-input): truncate the "
+                f" of {cases} cases have a value {nearest:.3g} sigma or more off the mean, which "
+                "the key does not allow, and are not run (status invalid-input): truncate the "
                 "distribution by truncate_sigma"
             )
 

@@ -196,8 +196,8 @@ class Profile(_Table, frozen=True, kw_only=True):
 
 
 class Ignition(_Table, frozen=True, kw_only=True):
-    """Trigger of a motor's ignition, by name: an event or a release (when its condition is met), or
-    a joint (when it becomes free). The motor ignites ``delay`` (s) later."""
+    """Trigger of a motor's ignition, one of three, by name: an event or a release (when its
+    condition is met), or a joint (when it becomes free). The motor ignites ``delay`` (s) later."""
 
     event: str | None = None
     release: str | None = None

@@ -32,8 +32,8 @@ def holds_ground(scene: Scene) -> bool:
 
 
 def check_phases(scene: Scene, problems: Problems) -> None:
-    """Add problems of phases, releases and events: of their conditions, the order of their times
-    and the kinds that they give to joints."""
+    """Add problems of phases, releases and events: of their conditions, the kinds that they give to
+    joints, and the times at which phases end, which must not decrease from phase to phase."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
@@ -169,7 +169,7 @@ def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Pr
         springs = [spring.name for spring in scene.spring]
         check_known(f"{key_path}.spring", until.spring, springs, "spring", problems)
     if (until.body is None) != (not of_body):
-        reason = "body and altitude_m, or vertical_speed_m_s, belong together: give both"
+        reason = "body needs altitude_m or vertical_speed_m_s, and these need body: give both"
         problems.add(key_path, reason)
     if until.direction is not None and len(on_joint + of_body) != 1:
         _refuse_direction(key_path, until, [*on_joint, *of_body], problems)
@@ -247,8 +247,8 @@ def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Probl
 
 
 def _check_rods(scene: Scene, problems: Problems) -> None:
-    """Add a problem for each rod whose two points do not differ, and for each joint of another kind
-    whose two points do."""
+    """Add a problem for each rod that lacks a second point or whose two points do not differ, and
+    for each joint of another kind (except free) whose two points do."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints[name] for phase in scene.phase if name in phase.joints]
         second = joint.second_point

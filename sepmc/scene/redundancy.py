@@ -195,8 +195,8 @@ def dependent_rows(
 
 def _coefficients(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients (6,) of a constraint row (type ``code``, as in `sepmc.routines.layout`) for
-    velocity and angular rate of the joint's first body, and those of its second body. The row is
-    the difference of the two: second minus first."""
+    velocity (of the mass centre) and angular rate of the joint's first body, both in the vehicle's
+    body axes, and those of its second body. The row is the difference: second minus first."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     if at.ROTATION <= code < at.ROD:
         normal = np.cross(axes[(code - at.ROTATION) // 3], axes[(code - at.ROTATION) % 3])

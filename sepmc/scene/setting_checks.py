@@ -45,7 +45,7 @@ def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -
             problems.add(key, "no table has such a name (* stands for any characters)", value)
         for name in names:
             if name in expanded:
-                problems.add(key, f"sets {name!r}, which is set before it: remove one", value)
+                problems.add(key, f"sets {name!r}, which an earlier key sets: remove one", value)
             expanded[name] = value
     return expanded
 

@@ -318,12 +318,12 @@ OTHERS = [  # the same for everything.toml
     (
         'body = "upper", altitude_m = 2990.0',
         "altitude_m = 2990.0",
-        ["phase.apart.until.any.1", "body and altitude_m, or vertical_speed_m_s, belong together"],
+        ["phase.apart.until.any.1", "body needs altitude_m or vertical_speed_m_s, and"],
     ),
     (
         'body = "upper", altitude_m = 2990.0',
         'time_s = 0.4, body = "upper"',
-        ["phase.apart.until.any.1", "body and altitude_m, or vertical_speed_m_s, belong together"],
+        ["phase.apart.until.any.1", "body needs altitude_m or vertical_speed_m_s, and"],
     ),
     (APART, "until = { any = 3 }", ["phase.apart.until.any = 3"]),
     (
