@@ -105,7 +105,7 @@ def search_clearance(w, job):
 @routine
 def load_outline(w, out, source, parts):
     """Copy the parts of an outline that differs from case to case, for one lane, to w[out] and
-    following, in the form of `layout.PART_SIZE`.
+    following, in the form of `layout.PART_SIZE`: with a length in place of the second station.
 
     Parameters
     ----------
@@ -114,9 +114,9 @@ def load_outline(w, out, source, parts):
     out : int
         Position of the copy.
     source : int
-        Position of the numbers of the parts, LANES apart. Of each part: 1 if it is hollow, else 0;
-        layout point of its start (3); station of its other end (NaN: a point); radius at both
-        ends.
+        Position of the numbers of the parts, LANES apart. Of each part: its kind (0 solid, 1
+        hollow, 2 sector); layout point of its start (3); station of its other end (NaN: a point);
+        radius at both ends. The angles of a sector follow it, the second in place of the width.
     parts : int
         Number of parts.
     """

@@ -297,8 +297,9 @@ def _call(function: str, arguments: tuple[Node, ...]) -> Node:
 
 
 def apply(function: str, arguments: tuple[Node, ...]) -> Node:
-    """Node of a function or operator, by its name in formulas, applied to nodes. Raises
-    FormulaError if it does not take this number or type of arguments."""
+    """Node of a function or operator, by its name in formulas, applied to nodes; if these are
+    constants, the node of the value. Raises FormulaError if it does not take this number or type of
+    arguments, or the value is undefined."""
     if function in FUNCTIONS:
         return _function(function, arguments)
     return _call(function, arguments)

@@ -162,8 +162,8 @@ def _values_at_zero(aero: Aerodynamics, coefficient: str) -> Array:
 
 
 def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
-    """Slope of a coefficient over an angle, 1/rad: of `_slopes_at_zero`, the one whose part from
-    the table has the largest size."""
+    """Slope of a coefficient over an angle at zero, 1/rad. Where a table gives several, at the
+    points of its other axes (`_slopes_at_zero`), it is the steepest of them, of either sign."""
     slopes = _slopes_at_zero(aero, coefficient, angle)
     polynomial = getattr(aero, coefficient).get(angle, 0.0)
     return float(slopes[int(np.argmax(np.abs(slopes - polynomial)))])

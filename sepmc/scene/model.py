@@ -596,8 +596,10 @@ class Scene(_Table, frozen=True, kw_only=True):
 
 class Distribution(_Table, frozen=True, kw_only=True):
     """Distribution of one parameter as a file gives it: one of the kinds ``uniform`` to
-    ``constant``, or a ``column`` of ``run.samples``. A single number is the half range (``normal``:
-    sigma) about the nominal, in the unit of the key, or with ``relative`` as a fraction of it."""
+    ``constant``, or a ``column`` of ``run.samples``. A single number of ``uniform``, ``normal`` or
+    ``triangular`` is the half range (``normal``: sigma) about the nominal; several are (low, high),
+    (mean, sigma) or (low, mode, high). All numbers are in the unit of the key or, with
+    ``relative``, fractions of the nominal. ``weights`` belong to the values of ``discrete``."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None
