@@ -76,7 +76,7 @@ OF_NOTES = {
     "satisfies this one",
     r"nominal case did not reach": "run the nominal case in full, `sepmc run FILE`: a check limits "
     "its work",
-    r"can give a case that|breaks the triangle": "an inertia of no solid body: narrow the "
+    r"can give a case whose|breaks the triangle": "an inertia of no solid body: narrow the "
     "distribution, or correlate the moments",
     r"made by fork": "start processes by spawn or forkserver",
     r"trial chains|replicas disagree|descend from": "give more cases: `--cases 1e6`",

@@ -361,7 +361,7 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
         for name in _springs_of(condition):
             spring = next(one for one in scene.spring if one.name == name)
             if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
-                yield f"{key_path}: spring {name} has no stroke_m, so it pushes on without end"
+                yield f"{key_path}: spring {name} has no stroke_m, so its stroke never ends"
     for key_path, condition in waiting:
         if _is_past(condition, scene.run.end_time) and f"{key_path}.time" not in varied:
             yield f"{key_path}: comes after the end of the run, {scene.run.end_time:g} s"

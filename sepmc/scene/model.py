@@ -131,8 +131,12 @@ RATES = ("p", "q", "r")  # roll to the right, pitch up, yaw to the right
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
-    """Aerodynamic coefficients of a body: polynomials in alpha, beta, the reduced rates and
-    signals, and a table."""
+    """Aerodynamic coefficients of a body: polynomials in alpha, beta (rad), the reduced rates and
+    signals, to which those of a ``table`` are added.
+
+    They are referred to ``reference_area`` (m2), ``reference_length`` (m) and the layout point
+    ``moment_point`` (None: the mass centre). ``force_factor`` multiplies all forces,
+    ``moment_factor`` all moments."""
 
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]
@@ -543,8 +547,9 @@ REPLICATES = 8  # independently scrambled sequences of a Saltelli design
 
 class Run(_Table, frozen=True, kw_only=True):
     """Run settings: end of the flight (s), number of cases and how their inputs are sampled (or the
-    file ``samples``, a table with a row for each case), interval of rows of time histories (s; 0:
-    no histories), and number of cases in one kernel call (``chunk``)."""
+    file ``samples``, a table with a row for each case, which also determines ``cases``), interval
+    of rows of time histories (s; 0: no histories), and number of cases in one kernel call
+    (``chunk``)."""
 
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000

@@ -490,7 +490,7 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             )
             if fault:
-                reason = f"dispersion of body.{name}.inertia can give a case that {fault}"
+                reason = f"dispersion of body.{name} can give a case whose inertia {fault}"
                 warn(f"{source}: {reason}", SceneWarning)
                 break
 
@@ -501,8 +501,8 @@ def _no_effect_notes(
     dispersions: tuple[Dispersion, ...],
     distributions: dict[str, Distribution],
 ) -> Iterator[str]:
-    """Yield a sentence on each setting of a nominal value that a distribution does not depend on:
-    it changes the nominal case only."""
+    """Yield a sentence on each setting of the nominal value of a dispersed parameter whose
+    distribution has absolute values, so that the setting changes the nominal case only."""
     if "dispersion" in settings:  # the user has set the distributions too
         return
     absolute = {
