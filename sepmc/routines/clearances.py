@@ -293,9 +293,10 @@ def _distance(pair, w, pose, margin):
     """Return the distance of a pair of parts at the pose stored at w[pose], m, and the nearest
     point of body a, axes of a.
 
-    ``pair`` is (kind, end, part of a, part of b), each part in the axes of its body. ``end`` is the
-    end (0 or 1) of the part whose rim or edge counts; for a sector it is the position of its
-    numbers in w. ``margin`` as in `rims.rim_gap`.
+    ``pair`` is (kind, end, part of a, part of b), each part in the axes of its body; kinds are
+    SOLIDS, SHELL_ON_FIRST, ... . ``end`` is the end (0 or 1) of the part whose rim or edge counts;
+    for a sector it is the position of its numbers in w. For a rim and a shell the distance and
+    ``margin`` are those of `rims.rim_gap`: negative through the wall, infinite beyond the ends.
     """
     noinline()
     kind, end, part_a, part = pair

@@ -42,13 +42,13 @@ def resolve(
     scene : Scene
     dispersions : sequence of Dispersion
     problems : Problems
-        Receives every problem; a correlation with one is left out of the result.
+        Receives every problem.
 
     Returns
     -------
     copulas : tuple of Copula
         One for each correlation, except those whose parameters are all columns of ``run.samples``:
-        these are correlated as in the table.
+        these are correlated as in the table. Not valid if problems were added.
     """
     index_of = {d.parameter.path: i for i, d in enumerate(dispersions)}
     copulas: list[Copula] = []

@@ -26,9 +26,9 @@ _Cases = Annotated[int, Meta(ge=1, le=CASES)]
 
 
 class MapTable(Struct, frozen=True, kw_only=True):
-    """Table ``[map]`` as written: axes ``x`` and ``y``, each ``KEY=LOW:HIGH:COUNT``, number of
-    cases of every design, and the largest number (``max_cases``) for a design whose verdict is open
-    after fewer."""
+    """Table ``[map]`` as written: axes ``x`` and ``y``, each ``KEY=LOW:HIGH:COUNT`` (``y`` None:
+    one axis), number of cases of every design (None: the default of the command), and the largest
+    number (``max_cases``; None: ``cases``) for a design whose verdict is open after fewer."""
 
     x: str
     y: str | None = None
@@ -39,7 +39,7 @@ class MapTable(Struct, frozen=True, kw_only=True):
 class SizeTable(Struct, frozen=True, kw_only=True):
     """Table ``[size]`` as written: formulas of the costs to ``minimise``, design variables to
     ``vary``, ``KEY=LOW:HIGH`` by name, names of the requirements to satisfy (``subject_to``; empty:
-    all), and number of cases of every design."""
+    all), and number of cases of every design (None: the default of the command)."""
 
     minimise: tuple[str, ...] | str
     vary: dict[str, str]

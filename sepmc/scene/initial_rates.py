@@ -78,7 +78,7 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
 
 
 def _is_constrained(joint: Joint, kind: str, rate: np.ndarray) -> bool:
-    """True if an angular rate (3,), in joint axes, has a component about an axis about which the
+    """True if an angular rate (3,), in body axes, has a component about an axis about which the
     joint, of this kind, constrains rotation."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
     for code in rows_of(joint, kind):

@@ -76,15 +76,15 @@ class Problems(list[str]):
 
 
 def shorten(value: object, limit: int = 60) -> str:
-    """Text of a value (its repr, but ``true`` and ``false`` as in TOML), cut to ``limit``
-    characters."""
+    """Text of a value (its repr, but ``true`` and ``false`` as in TOML); a longer one is cut to
+    ``limit`` characters, of which the last three are dots."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
 def printable(text: str, limit: int = 300) -> str:
-    """Text of a file with control characters written as escape codes, cut to ``limit``
-    characters."""
+    """Text of a file with control characters written as escape codes; a longer one is cut to
+    ``limit`` characters, of which the last three are dots."""
     shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
     return shown if len(shown) <= limit else shown[: limit - 3] + "..."
 

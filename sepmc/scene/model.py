@@ -53,8 +53,8 @@ class _Table(Struct, frozen=True):
 
 class WindProfile(_Table, frozen=True, kw_only=True):
     """Table of wind over height, added to the steady wind: altitude (m), speed (m/s) and direction
-    (rad, as in `Wind`), interpolated between rows. ``factor`` multiplies all speeds of the table,
-    ``turn`` (rad) is added to all its directions."""
+    (rad, as in `Wind`), interpolated between rows and constant beyond the first and the last.
+    ``factor`` multiplies all speeds of the table, ``turn`` (rad) is added to all its directions."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
@@ -75,7 +75,8 @@ class Wind(_Table, frozen=True, kw_only=True):
 
 class AirProfile(_Table, frozen=True, kw_only=True):
     """Table of air over height (m), for ``atmosphere = "table"``: density (kg/m3, whose logarithm
-    is interpolated) and speed of sound (m/s; empty if no Mach number is needed)."""
+    is interpolated) and speed of sound (m/s; empty if no Mach number is needed). A case that leaves
+    the table ends with the status outside-atmosphere."""
 
     altitude: Annotated[Series, Quantity("length")]
     density: Annotated[Series, Quantity("density")]
@@ -98,8 +99,9 @@ class Environment(_Table, frozen=True, kw_only=True):
 class AeroTable(_Table, frozen=True, kw_only=True):
     """Aerodynamic coefficients on a grid over the axes that are given, in the order mach, alpha,
     beta (rad); they are added to those of the polynomials. Over an axis of one point they are
-    constant. ``pitch_q``, for example, is the derivative of ``pitch`` by the reduced pitch rate q
-    (`RATES`)."""
+    constant; a case that leaves any other axis ends with the status outside-table. An empty grid
+    counts as 0. ``pitch_q``, for example, is the derivative of ``pitch`` by the reduced pitch rate
+    q (`RATES`)."""
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -180,7 +182,8 @@ class Part(_Table, frozen=True, kw_only=True):
 
 class Body(_Table, frozen=True, kw_only=True):
     """A rigid body: mass (kg), moments and products (positive integrals) of inertia about the mass
-    centre (kg m2), layout point of the mass centre (m), aerodynamics and outline."""
+    centre (kg m2), layout point of the mass centre (m), aerodynamics and outline.
+    ``inertia_factor`` multiplies the moments and the products of inertia."""
 
     mass: Annotated[float, Positive, Quantity("mass")]
     inertia: Annotated[Vector, Quantity("inertia", ("xx", "yy", "zz"))]
@@ -210,7 +213,13 @@ class Ignition(_Table, frozen=True, kw_only=True):
 
 
 class Motor(_Table, frozen=True, kw_only=True):
-    """A motor or engine on a body; CONVENTIONS.md defines its angles and its thrust over time."""
+    """A motor or engine on a body. It ignites at ``ignition`` plus ``delay`` (s), and burns for
+    ``burn`` (s).
+
+    CONVENTIONS.md defines how ``build_up`` and ``tail_off`` (time constants, s) and ``profile``
+    change the ``thrust`` (N) over time; the place of the nozzle, by ``station``, ``radius`` and
+    ``offset`` (m); and the angles (rad).
+    """
 
     name: Name
     body: str
@@ -527,8 +536,9 @@ class FormulaOutcome(_Table, frozen=True, kw_only=True):
 
 
 class Initial(_Table, frozen=True, kw_only=True):
-    """Initial altitude, speed, attitude and rates of the mated vehicle; CONVENTIONS.md defines the
-    angles. ``path_reference`` is the zero of ``alpha_ref`` (None: nominal pitch - alpha)."""
+    """Initial altitude (m) and speed (m/s) of the mass centre of the mated vehicle, its attitude
+    (rad) and its rates (rad/s, body axes); CONVENTIONS.md defines the angles. ``path_reference``
+    is the zero of ``alpha_ref`` (None: nominal pitch - alpha)."""
 
     altitude: Length
     speed: Annotated[float, NotNegative, Quantity("speed")]
@@ -576,7 +586,10 @@ class Solver(_Table, frozen=True, kw_only=True):
 
 class Scene(_Table, frozen=True, kw_only=True):
     """All of a campaign that every case shares: vehicle, environment, sequence of phases, outputs,
-    run and solver settings, and the nominal values of dispersed parameters."""
+    run and solver settings, and the nominal values of dispersed parameters.
+
+    ``driven`` has, by path of the parameter, the numbers that a signal changes during the flight.
+    """
 
     environment: Environment = field(default_factory=Environment)
     body: dict[Name, Body]
