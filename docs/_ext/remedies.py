@@ -18,7 +18,7 @@ OF_NOTES = {
     r"but the flight begins at": "add rows of the wind up to the flight, or a last one of speed 0",
     r"so a case that turns below it": "`mirror`, or a deck with rows on both sides",
     r"does nothing|there is no thrust before": "give the key that is missing, or remove the entry",
-    r"has no stroke_m, so it pushes on": "give the stroke, or another condition",
+    r"has no stroke_m, so its stroke": "give the stroke, or another condition",
     r"comes after the end of the run": "give a longer `run.end_time_s`, or an earlier time",
     r"is never released|is free in all phases": "give the release, or remove the output",
     r"constraint rows are redundant": "the motion is unique; use other kinds of joint if their "

@@ -155,8 +155,9 @@ class Aerodynamics(_Table, frozen=True, kw_only=True):
 
 
 class Part(_Table, frozen=True, kw_only=True):
-    """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
-    are equal), or points.
+    """A part of a body's outline: a cone frustum (two stations and radii, m; a cylinder if the
+    radii are equal), whose axis is parallel to the layout's at ``offset`` (y, z, m), or layout
+    points (m).
 
     A hollow frustum is the inner surface of a shell: clearance is measured from inside it. With a
     ``sector`` only the lateral surface between two angles is left, a thin wall with two sides. A
@@ -428,6 +429,7 @@ class Joint(_Table, frozen=True, kw_only=True):
     separation (None: that of the second nominal centre of mass). ``omega`` (rad/s, body axes) is
     the initial rate, about ``point``, of the second body and those connected to it relative to the
     first. The joint is released ``delay`` (s) after the condition, or never if ``fails`` is 1.
+    ``guide`` describes its pins (None: it has none).
     """
 
     bodies: tuple[str, str]
@@ -617,7 +619,8 @@ class Distribution(_Table, frozen=True, kw_only=True):
     ``constant``, or a ``column`` of ``run.samples``. A single number of ``uniform``, ``normal`` or
     ``triangular`` is the half range (``normal``: sigma) about the nominal; several are (low, high),
     (mean, sigma) or (low, mode, high). All numbers are in the unit of the key or, with
-    ``relative``, fractions of the nominal. ``weights`` belong to the values of ``discrete``."""
+    ``relative``, fractions of the nominal. ``weights`` belong to the values of ``discrete``;
+    ``truncate_sigma`` cuts ``normal`` at that many sigma on both sides."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None
