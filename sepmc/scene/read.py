@@ -490,7 +490,7 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             )
             if fault:
-                reason = f"dispersion of body.{name} can give a case whose inertia {fault}"
+                reason = f"dispersion of body.{name}.inertia can give a case whose inertia {fault}"
                 warn(f"{source}: {reason}", SceneWarning)
                 break
 
