@@ -105,7 +105,8 @@ def search_clearance(w, job):
 @routine
 def load_outline(w, out, source, parts):
     """Copy the parts of an outline that differs from case to case, for one lane, to w[out] and
-    following, in the form of `layout.PART_SIZE`: with a length in place of the second station.
+    following, in the form of `layout.PART_SIZE`: with a length in place of the second station. Both
+    radii of a part of no length become the larger one.
 
     Parameters
     ----------
@@ -218,7 +219,8 @@ def _back(w, pose):
 
 @routine
 def _reach(part):
-    """Return the largest distance of any point of a part from the origin of its axes, m."""
+    """Return an upper bound of the distance of the points of a part from the origin of its axes,
+    m."""
     start, axis, length, r0, r1 = part
     end = vec3.add(start, vec3.scale(length, axis))
     return max(math.sqrt(vec3.dot(start, start)) + r0, math.sqrt(vec3.dot(end, end)) + r1)

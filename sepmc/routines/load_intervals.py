@@ -100,8 +100,9 @@ def next_load_switch(t, m, w, case):
 
 @routine
 def set_active_loads(middle, m, w, case):
-    """Store in the interval data of a case which motors and constant loads act in the interval
-    around the time ``middle``, s, and the level and slope of each thrust profile there.
+    """Store in the interval data of a case, for the interval around the time ``middle``, s: whether
+    each motor is off, burns or tails off, the level and slope of its thrust profile (1 and 0
+    without one), and whether each constant load acts.
 
     ``case`` is the position in the workspace ``w`` of the numbers of the case, ``m`` the Model. The
     data are set once for an interval between switches, so that no stage of a step sees a switch.

@@ -304,8 +304,9 @@ def _is_inner_summit(previous, current, following):
 
 @formula
 def _is_end_summit(end, inner, slope):
-    """Return 1.0 if the magnitude rises from an end of the step into it, else 0.0: ``end`` and
-    ``inner`` are its values at the end and at the next node, ``slope`` is its slope at the end."""
+    """Return 1.0 if the magnitude has a peak between an end of the step and the next node, else
+    0.0: it rises from the end into the step, but is not higher at the next node. ``end`` and
+    ``inner`` are its values at the two, ``slope`` is its slope at the end, into the step."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
 
@@ -497,7 +498,7 @@ def set_coefficients(nodes, stride, w, scratch):
 def rises(sizes, w, i):
     """Return True if the magnitude has a peak next to node ``i``, from its values at the nodes at
     w[sizes]: it is higher there than at both neighbours or, for the first and the last node, rises
-    from the end into the step."""
+    from the end into the step without being higher at the next node."""
     if 0 < i < COUNT - 1:
         return _is_inner_summit(w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]) > 0.0
     first, step, slope = (sizes, 1, 0.0) if i == 0 else (sizes + COUNT - 1, -1, 0.0)

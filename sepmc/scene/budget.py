@@ -149,8 +149,8 @@ def energy(spring: Spring) -> float:
     Returns
     -------
     float
-        J, without damping; infinite if the spring has a force but neither a stroke nor a
-        stiffness.
+        J, without damping; a negative force counts, also with ``push_only``. Infinite if the spring
+        has a force but neither a stroke nor a stiffness.
     """
     stroke = spring.stroke
     if math.isinf(stroke):
