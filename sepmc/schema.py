@@ -366,7 +366,8 @@ class Contents:
     formulas : tuple of Formula
         Outcomes by formulas.
     relative : tuple of (str, str)
-        Pairs of bodies with their relative attitude and distance.
+        Pairs (first, second) of bodies with columns for their distance and for the attitude of the
+        second relative to the first.
     """
 
     bodies: list[str]
@@ -388,8 +389,9 @@ class Contents:
 
 
 def is_yes_or_no(outcome: str) -> bool:
-    """Return True if an outcome, given by the name of its column, is 1 or 0 in every case.
-    Statistics then give its fraction of ones, but no sigma or density."""
+    """Return True if an outcome, given by the name of its column, is a recontact, which is 1 or 0
+    in every case. Statistics give the fraction of ones of such an outcome, but no sigma or
+    density."""
     return outcome.endswith("_recontact")
 
 

@@ -49,8 +49,9 @@ class Symbol:
     """Stand-in for a number or condition that is known in flight only: operators and numpy
     functions (``np.sin``, ``np.minimum``, ``np.where``) applied to it build a syntax tree.
 
-    An attribute extends the name of a quantity: ``q.upper.pitch_deg``, also
-    ``q["upper.pitch_deg"]``.
+    ``node`` is the tree so far. It is None for the symbol that stands for no number: its attributes
+    are the quantities of the scene. Each further attribute extends the name of a quantity:
+    ``q.upper.pitch_deg``, also ``q["upper.pitch_deg"]``.
     """
 
     __slots__ = ("node",)

@@ -148,8 +148,9 @@ class Studio:
 
     def run(self, question: Question) -> dict[str, Any]:
         """Run the cases of a question, at most `MAX_CASES`, with the settings of its sliders, after
-        a run in progress has ended. Return settings, counts, notes, verdicts and, for the outcomes
-        to draw, histograms with statistics."""
+        a run in progress has ended. Return, by name, the settings, the number of cases of each
+        status, notes, verdicts, names of the outcomes from the most important one on and, for the
+        outcomes to draw, histograms with statistics."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)
@@ -179,8 +180,8 @@ class Studio:
         }
 
     def replay(self, question: Question) -> list[dict[str, Any]]:
-        """Simulate the nominal case and ``question.case`` in the second process; return their
-        replay data."""
+        """Simulate the nominal case and ``question.case`` in the second process; return what
+        `replays_of` returns."""
         campaign = self._changed(question)[0]
         work = self._second.submit(
             replays_of, campaign, question.case, question.seed, min(question.cases, MAX_CASES)
@@ -188,8 +189,9 @@ class Studio:
         return work.result()
 
     def map(self, question: Question) -> dict[str, Any]:
-        """Judge designs on a grid over the two values ``question.axes``, in the second process;
-        return what `verdicts_over` returns. Cases are few enough for it to take some seconds."""
+        """Judge designs on a grid over the design variables ``question.axes``, in the second
+        process; return what `verdicts_over` returns. Each design gets as many cases as take about
+        `_MAP_S` seconds in all: at least `_MAP_CASES`, at most ``question.cases``."""
         campaign = self._changed(question)[0]
         axes = [MapAxis(*axis, n) for axis, n in zip(question.axes, _GRID, strict=False)]
         designs = math.prod(axis.count for axis in axes)
@@ -286,5 +288,5 @@ def verdicts_over(
 
 
 def as_json(data: Mapping[str, Any] | list[Any]) -> bytes:
-    """Return an answer as JSON text."""
+    """Return an answer as JSON, encoded in UTF-8; NaN becomes null."""
     return msgspec.json.encode(data)

@@ -93,8 +93,9 @@ class _Handler(BaseHTTPRequestHandler):
     server: Server
 
     def parse_request(self) -> bool:
-        """Read a request and set `name`, the path after the token. Returns False, after refusing
-        it, for a request that lacks the token or does not come from the page of this server."""
+        """Read the head of a request and set `name`, the path after the token. Return False, after
+        an error was sent, if the request is malformed, lacks the token, or does not come from the
+        page of this server."""
         if not super().parse_request():
             return False
         empty, _, path = self.path.partition("/")

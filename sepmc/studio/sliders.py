@@ -100,8 +100,8 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     key : str
         TOML path with its unit; ``*`` stands for any name.
     ends : (float, float), optional
-        Ends of the slider. If None, they are chosen to include the distribution of the parameter,
-        or a quarter of the value to either side.
+        Ends of the slider, in the unit of the key. If None, they are chosen three times as far from
+        the value as the distribution reaches, or a quarter of the value to either side.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     dispersion = by_path.get(parameter.path)
     if dispersion and (dispersion.column or dispersion.distribution == "discrete"):
         reason = (
-            "its distribution has separate values"
+            "its distribution is discrete"
             if dispersion.weights
             else "a sample table gives its values"
         )
@@ -143,9 +143,12 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
 def _ends(
     parameter: Parameter, nominal: float, dispersion: Dispersion | None
 ) -> tuple[float, float]:
-    """Return the ends of a slider about a nominal value, in the unit of the key: three times the
-    half width of the distribution to either side, else a quarter of the value. An end that the
-    parameter does not allow is moved closer."""
+    """Return the ends (low, high) of a slider about a nominal value, in the unit of the key.
+
+    They lie at a distance of three times half the width of the distribution's `reach`; without a
+    distribution, of a quarter of the nominal value, or of 1 if that is 0. An end that the parameter
+    does not allow is moved toward the nominal value until it is allowed.
+    """
     half = _PART * abs(nominal) or 1.0
     if dispersion and dispersion.reach[0] < dispersion.reach[1]:
         half = _REACH * 0.5 * (dispersion.reach[1] - dispersion.reach[0])

@@ -480,7 +480,8 @@ def steady_precession(
     vertical at a constant tilt; parameters are those of `heavy_top`.
 
     They are the roots w of transverse cos(tilt) w^2 - axial spin w + torque = 0. Without spin and
-    hanging, they are +-sqrt(torque / (transverse |cos|)): the conical pendulum.
+    hanging, they are +-sqrt(torque / (transverse |cos|)): the conical pendulum. Raises ValueError
+    if they are not real: a top that spins too slowly does not stay at that tilt.
     """
     a, b = transverse * math.cos(tilt), axial * spin
     root = math.sqrt(b * b - 4.0 * a * torque)

@@ -258,7 +258,7 @@ def test_distributions_follow_values():
     }
     moved = {d.parameter.key: d.numbers for d in changed.file.dispersions}
     assert moved["body.fore.mass_kg"][:2] == (nominal + 10.0, 2.0)
-    with pytest.raises(InputError, match="separate values"):
+    with pytest.raises(InputError, match="is discrete"):
         make_slider(file, "initial.altitude_m")
     assert [one.key for one in first_sliders(file, {})] == list(dispersion)[:-1]
 

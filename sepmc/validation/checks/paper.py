@@ -34,8 +34,8 @@ def _table() -> dict[str, np.ndarray]:
 
 
 def _deviations() -> dict[str, float]:
-    """Standard deviation of every outcome over the cases of `_table`, by name and in its unit: the
-    scale of differences."""
+    """Standard deviation of every float column over the cases of `_table`, by name and in its unit:
+    the scale of differences."""
     return {
         name: float(np.std(column, ddof=1))
         for name, column in _table().items()
@@ -44,8 +44,9 @@ def _deviations() -> dict[str, float]:
 
 
 def phases() -> list[Line]:
-    """Check the nominal case, ended within each phase (locked, guided, free): every outcome, and
-    the force and moment of the joint relative to their magnitude (at least 1 N, 1 N m)."""
+    """Check the nominal case, ended within each phase (locked, guided, free), against
+    `sepmc.validation.lagrange`: all outcomes that this computes, in one line, and the force and the
+    moment of the joint, relative to their magnitude (at least 1 N, 1 N m)."""
     lines = []
     for phase, formulation, settings in PHASES:
         base = load("table2.toml", FINE | settings)
@@ -69,8 +70,9 @@ def phases() -> list[Line]:
 
 
 def cases() -> list[Line]:
-    """Check four dispersed cases, every outcome at the end: compiled in steps of 10 ms, and as
-    plain Python in steps selected for an accuracy of 1e-11."""
+    """Check the outcomes of four dispersed cases against `sepmc.validation.lagrange`, in two lines
+    each: compiled in steps of 10 ms, and as plain Python in steps selected for an accuracy of
+    1e-11."""
     base, lines = load("table2.toml", FINE), []
     tables = {
         "steps of 10 ms": _table(),

@@ -17,7 +17,8 @@ RADIUS, POINTS = (
 )  # radius, s, and points of the circle of complex times on which C is sampled
 TIMES = RADIUS * np.exp(2j * np.pi * np.arange(POINTS) / POINTS)
 AXES = dict(zip("xyz", np.eye(3), strict=True))
-Row = tuple[float, float, float]  # C' by the row's own arms, C' by the kernels' formula, C''
+# C' by the row's coefficients, C' by the kernels' own formula, C''
+Row = tuple[float, float, float]
 
 
 class _Body:
@@ -98,9 +99,9 @@ def _rod(a: _Body, b: _Body, arms: Array) -> tuple[Row, Row]:
 def _rates_of(
     a: _Body, b: _Body, e: Array, arm_a: Array, arm_b: Array, gamma: float
 ) -> tuple[float, float]:
-    """C' and C'' at t = 0 of a row with the direction ``e`` on the mass centres' motion, the arms
-    on the angular motion of A and B, and the term ``gamma`` of C'' that follows from the
-    velocities."""
+    """C' and C'' at t = 0 of a row, from its coefficients: ``e`` of the velocity of B's mass centre
+    relative to A's, ``arm_a`` and ``arm_b`` of the angular rates of A and B. C'' is their product
+    with the accelerations minus ``gamma``, which follows from the velocities."""
     first = np.dot(e, b.v - a.v) + np.dot(arm_a, a.w) + np.dot(arm_b, b.w)
     return float(first), float(
         np.dot(e, b.a - a.a) + np.dot(arm_a, a.w_rate) + np.dot(arm_b, b.w_rate) - gamma
@@ -122,8 +123,9 @@ def _rotation(a: _Body, b: _Body, constrained: str) -> tuple[Row, Row]:
 
 
 def rows() -> list[Line]:
-    """Check C' and C'' of the constraint rows of each joint kind, a line each: the row that differs
-    most over 12 random motions; the tolerance is 1e-11 of the largest C' or C''."""
+    """Check C' and C'' of the constraint rows of each joint kind against `derivatives` of C along 12
+    random motions. Each kind has a line for C' and one for C'': the row that differs most; the
+    tolerance is 1e-11 of the largest C' or C''."""
     lines = []
     for number, (kind, (translations, rotations)) in enumerate(KINDS.items()):
         if kind == "free":
