@@ -54,7 +54,7 @@ _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _WORDS = ("and", "or", "not", *FUNCTIONS, *CONSTANTS)
 Items = Mapping[str, Collection[str]]  # names by table
 _MOST_SAMPLES = 100_000
-_TIMES = 400  # at which `size` looks for the largest value
+_TIMES = 400  # times at which `with_sizes` looks for the largest value
 
 
 class Quantity(NamedTuple):
@@ -85,8 +85,8 @@ def take_driven(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     tree : dict
         A copy with 0 in place of each name.
     driven : dict of str to (str, Driven)
-        TOML path (for messages) and signal of each name, by the path without units of the parameter
-        that the signal gives.
+        For each name, its TOML path, for messages, and its signal with the factor of the key's
+        unit; by the path, without units, of the number that the signal gives.
     """
     result, driven = dict(tree), dict[str, Any]()
     for array, (kind, fields) in _DRIVEN.items():

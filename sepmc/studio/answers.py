@@ -221,7 +221,8 @@ class Studio:
 
 
 def _counts(result: "Result") -> list[str]:
-    """Return texts with the number of cases of each status that occurred."""
+    """Return a text for each status that occurred: its number of cases, its label and, unless it is
+    ok, its meaning and remedy."""
     sentences = {status.label: status.sentence for status in Status}
     return [
         f"{count:,} {label}" + ("" if label == Status.OK.label else f": {sentences[label]}")
@@ -270,9 +271,9 @@ def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list
 def verdicts_over(
     campaign: "Campaign", axes: list[MapAxis], cases: int, seed: int
 ) -> dict[str, Any]:
-    """Judge the designs of a grid over two values; return, by requirement, the verdicts and the
-    fractions of violating cases as nested lists (rows of the second axis), and the axes. Called in
-    a second process."""
+    """Judge the designs of a grid over design variables. Return the number of cases asked of a
+    design, the axes and, by requirement, the verdicts and the fractions of violating cases as
+    nested lists, one inner list for each value of the second axis. Called in a second process."""
     designs = map_designs(campaign, axes, cases, seed, announce=no_log)
     return {
         "cases": cases,

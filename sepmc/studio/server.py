@@ -121,8 +121,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(Http.NOT_FOUND, "no such page")
 
     def do_POST(self) -> None:
-        """Send the answer of the studio to a question, both as JSON; an error is sent as its
-        message."""
+        """Send the answer of the studio to the question in the body of the request, both as JSON.
+        The last part of the path, `name`, is the method of `Studio` that answers. For an error,
+        send ``{"error": message}`` with an error status."""
         size = self.headers.get("Content-Length", "")
         if self.name not in _QUESTIONS:
             return self._refuse(Http.NOT_FOUND, "no such question")

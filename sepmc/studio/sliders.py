@@ -117,7 +117,9 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     parameter = variable.parameters[0]
     nominal = value(campaign.scene, parameter.path) / parameter.factor
     if is_structure(parameter.path) or not math.isfinite(nominal):
-        raise InputError(f"{key}: cannot have a slider: it is not a finite number of the scene")
+        raise InputError(
+            f"{key}: cannot have a slider: it must be a finite number that may vary between cases"
+        )
     by_path = {d.parameter.path: d for d in campaign.file.dispersions}
     dispersion = by_path.get(parameter.path)
     if dispersion and (dispersion.column or dispersion.distribution == "discrete"):

@@ -366,7 +366,8 @@ class Function(Writer):
 
     def _dynamic(self, items: tuple[Any, ...], index: Number) -> Number:
         """Return the item of a tuple of numbers at an index that only running code knows: the
-        tuple is put into memory. All items become numbers of one type."""
+        tuple is put into memory. All items become numbers of one type; the index is not
+        checked."""
         items = tuple(self._alike(*items))
         kind = items[0].kind
         if all(item.constant is not None for item in items):

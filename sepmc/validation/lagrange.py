@@ -111,7 +111,7 @@ class Accelerations(NamedTuple):
     w_rate, w_b_rate : ndarray, shape (3,)
         Angular accelerations of A and B, rad/s2, each in its body axes.
     gap_acceleration : ndarray, shape (3,)
-        Second rates of the components of the gap, m/s2, joint axes.
+        Second time derivatives of the components of the gap, m/s2, joint axes.
     force, moment : ndarray, shape (3,)
         Reaction on B at its joint point, N and N m, ground axes.
     """
@@ -137,8 +137,8 @@ def bodies(pair: Pair, motion: Motion) -> tuple[tuple[Array, ...], tuple[Array, 
 
 def _translations(constrained: str, motion: Motion) -> tuple[Array, Array]:
     """Directions (3, n), as columns, in which the gap may change, and the part (3,) of its second
-    rate that follows from the motion alone; joint axes. ``constrained`` has the letters of the
-    constrained axes, such as "yz", or is "length" for a rod."""
+    time derivative that follows from the velocities alone; joint axes. ``constrained`` has the
+    letters of the constrained axes, such as "yz", or is "length" for a rod."""
     if constrained != "length":
         return np.eye(3)[:, [axis not in constrained for axis in "xyz"]], np.zeros(3)
     axial = motion.gap / np.linalg.norm(motion.gap)
@@ -150,7 +150,7 @@ def _rotations(
     constrained: str, pair: Pair, motion: Motion, w: Array, w_b: Array
 ) -> tuple[Array, Array]:
     """Axes H (3, n), as columns, about which B may rotate relative to A, and H' u (3,), the part of
-    the relative angular acceleration that follows from the motion alone; ground axes.
+    the relative angular acceleration that follows from the rates alone; ground axes.
 
     ``constrained`` has the letters of the constrained rotations, such as "yz"; the rates w of A and
     w_b of B, rad/s, are in ground axes too.

@@ -270,7 +270,8 @@ def spring_release(
 
     ``mass`` is the reduced mass, kg. Without damping the speed follows from energy, m v^2 / 2 =
     force stroke - stiffness stroke^2 / 2, and the time is acos(1 - stiffness stroke / force) /
-    frequency, computed from its sine so that a short stroke loses no digits.
+    frequency, computed from its sine so that a short stroke loses no digits. Raises ValueError if
+    the spring does not push as far as ``stroke``.
     """
     if damping == 0.0:
         speed = math.sqrt((2.0 * force - stiffness * stroke) * stroke / mass)
@@ -523,7 +524,8 @@ def hooke_ratio(angle: ArrayLike, bend: float) -> Array:
 @dataclass(frozen=True)
 class TipOff:
     """Tip-off from a rail: time from release of the front shoe to release of the rear one, s; angle
-    from the rail, rad, and rate, rad/s, about z at the release of the rear one."""
+    from the rail, rad, and rate, rad/s, about z at the release of the rear one. Both are negative,
+    as the nose drops."""
 
     time: float
     angle: float

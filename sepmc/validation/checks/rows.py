@@ -123,8 +123,8 @@ def _rotation(a: _Body, b: _Body, constrained: str) -> tuple[Row, Row]:
 
 
 def rows() -> list[Line]:
-    """Check C' and C'' of the constraint rows of each joint kind against `derivatives` of C along 12
-    random motions. Each kind has a line for C' and one for C'': the row that differs most; the
+    """Check C' and C'' of the constraint rows of each joint kind against `derivatives` of C along
+    12 random motions. Each kind has a line for C' and one for C'': the row that differs most; the
     tolerance is 1e-11 of the largest C' or C''."""
     lines = []
     for number, (kind, (translations, rotations)) in enumerate(KINDS.items()):

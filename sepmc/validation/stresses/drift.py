@@ -192,7 +192,7 @@ def hour() -> list[Stress]:
 
 def hours_table() -> str:
     """Table of the runs of `hours` as plain text: joint residuals, changes of the invariants, and
-    the time of a step of a single case, in us and over that without drift control."""
+    the time of a step of a single case, in us and as a multiple of that without drift control."""
     head = (
         "motion",
         "drift",

@@ -17,8 +17,9 @@ from sepmc.validation.stresses.strokes import ROOT, located
 
 
 def _swung(condition: dict[str, float], step: float) -> Tree:
-    """Tree of a body on a hinge to the ground that swings from 80 deg beside its lowest position;
-    the hinge is released on ``condition``, keys of ``until``, or at 1 s. Step in s."""
+    """Tree of a body on a hinge to the ground that swings from rest at 80 deg from its lowest
+    position. The hinge is released on ``condition``, keys of ``until``, or at 1 s, whichever is
+    first. Step in s."""
     bob = body(2.0, [0.1, 0.3, 0.3], [1.0, 0.0, 0.0])
     hinge = joint("ground", "bob", [0.0, 0.0, 0.0], x_axis=[0.0, 0.0, 1.0])
     until = {"any": [{"joint": "hinge", **condition}, {"time_s": 1.0}]}
@@ -177,7 +178,7 @@ def simultaneous() -> list[Stress]:
 
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
     """Line of `sepmc stress` on the release time of `pushed`, whose slider ends at a stroke, m, or
-    at the keys of ``until``; ``time`` is the expected one, s."""
+    at a condition in ``until``, whichever is first; ``time`` is the expected one, s."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,

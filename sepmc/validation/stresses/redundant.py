@@ -53,9 +53,12 @@ def _axes(data: Any) -> Array:
 
 
 def jacobian(run: NominalRun) -> Array:
-    """Constraint rows (m, 6 n) of all joints at the start, in the engine's order. A row times the
-    velocities and angular rates (6 n,) of the n bodies, in body axes, is the velocity or rate of
-    the second body of a joint relative to the first, along or about a joint axis."""
+    """Constraint rows (m, 6 n) of all joints at the start, in the engine's order.
+
+    A row is multiplied by a vector (6 n,) with the velocity, then the angular rate of each of the n
+    bodies, in body axes; the product is the velocity or rate of the second body of a joint relative
+    to the first, along or about a joint axis.
+    """
     names, rows = list(run.scene.body), []
     for name, data in run.scene.joint.items():
         translations, rotations = CONSTRAINED[run.scene.phase[0].joints[name]]

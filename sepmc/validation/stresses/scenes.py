@@ -132,8 +132,8 @@ def pushed(
     """Tree of bodies ``fore`` (3 kg) and ``aft`` (1 kg) on the joint ``link`` of a kind, pushed
     apart along its x axis through both mass centres with 1.5 N: a relative acceleration of 2 m/s2.
 
-    The joint is released at a stroke, m, or at a condition in ``until``. ``spring`` has other keys
-    of the spring that pushes; end time and step in s.
+    The joint is released at a stroke, m, or at a condition in ``until``, whichever is first.
+    ``spring`` has other keys of the spring that pushes; end time and step in s.
     """
     push = {
         "name": "push",
