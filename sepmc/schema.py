@@ -331,7 +331,7 @@ def _columns(rows, prefix: str, name: str) -> list[Column]:
 
 class Formula(NamedTuple):
     """Outcome that a campaign file defines by a formula of other outcomes: its name, the formula
-    (``text``), which uses columns before it, and its unit, a key of `FORMULA_UNITS`."""
+    (``text``), which may name only columns before it, and its unit, a key of `FORMULA_UNITS`."""
 
     name: str
     text: str

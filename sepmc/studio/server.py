@@ -122,8 +122,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         """Send the answer of the studio to the question in the body of the request, both as JSON.
-        The last part of the path, `name`, is the method of `Studio` that answers. For an error,
-        send ``{"error": message}`` with an error status."""
+        The last part of the path, `name`, is the method of `Studio` that answers. If that raises an
+        error, send ``{"error": message}`` with an error status; an unknown name or a body that is
+        too long is refused."""
         size = self.headers.get("Content-Length", "")
         if self.name not in _QUESTIONS:
             return self._refuse(Http.NOT_FOUND, "no such question")

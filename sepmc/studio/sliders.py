@@ -29,6 +29,9 @@ _HALVINGS = 40
 class Slider:
     """Slider of a parameter: changes its value and, if it is dispersed, its spread.
 
+    If the key names several parameters by ``*``, the slider changes all of them; value, unit and
+    distribution are those of the first.
+
     Attributes
     ----------
     key : str
@@ -57,9 +60,9 @@ class Slider:
 
 
 def available_keys(campaign: "Campaign") -> list[str]:
-    """Return the keys of the parameters that can have a slider: finite numbers that do not change
-    the structure of the scene, and whose distribution, if any, is neither discrete nor a column of
-    a sample table."""
+    """Return the keys of the parameters that can have a slider: finite numbers that may vary
+    between cases (see `is_structure`), and whose distribution, if any, is neither discrete nor a
+    column of a sample table."""
     numbers = all_parameters(campaign.scene, campaign.file.tree)
     dispersions = {d.parameter.path: d for d in campaign.file.dispersions}
     own = {path: one.parameter.key for path, one in dispersions.items()}
@@ -110,8 +113,8 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     Raises
     ------
     InputError
-        If there is no such number, it is not finite or changes the structure of the scene, or its
-        distribution is discrete or a column of a sample table.
+        If there is no such number, it is not finite or the same in all cases by definition (see
+        `is_structure`), or its distribution is discrete or a column of a sample table.
     """
     (variable,) = design_variables(campaign, {key: ends or (0.0, 1.0)})
     parameter = variable.parameters[0]

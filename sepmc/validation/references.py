@@ -543,7 +543,8 @@ def tip_off(
     travel: float,
 ) -> TipOff:
     """Tip-off of a coasting body that turns about its rear shoe under gravity after the front shoe
-    has left a straight rail, until the rear shoe leaves it.
+    has left a straight rail, until the rear shoe leaves it. Raises ValueError if the body has
+    turned by 0.5 rad before that.
 
     Parameters
     ----------

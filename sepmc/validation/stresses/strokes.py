@@ -18,7 +18,7 @@ from sepmc.validation.stresses.scenes import Tree, pushed, simulate, without_ste
 
 # s, m: tolerance of event times; tolerance of conditions
 ROOT, TOUCH = 1e-13, 1e-12
-ACCELERATION = 2.0  # second rate of the gap in `pushed`, m/s2
+ACCELERATION = 2.0  # second time derivative of the gap in `pushed`, m/s2
 
 
 def located(speed: float, truncated: float = 0.0, size: float = 1.0) -> Bound:
