@@ -60,6 +60,9 @@ class Function(Writer):
         Value (`sepmc.translator.values`) of each argument.
     module : sepmc.translator.module.Module
         Module that gets the functions that this one calls, and this one by `define`.
+    keeps_loops : bool
+        True if LLVM must not unroll loops over ranges. It would take short loops over lanes apart
+        before it looks for loops to vectorise, and their code would stay scalar.
 
     Raises
     ------
@@ -69,9 +72,15 @@ class Function(Writer):
         If the number of arguments is not that of the function.
     """
 
-    def __init__(self, source: Source, arguments: tuple[Any, ...], module: Any):
+    def __init__(
+        self,
+        source: Source,
+        arguments: tuple[Any, ...],
+        module: Any,
+        keeps_loops: bool = False,
+    ):
         super().__init__(module)
-        self.source = source
+        self.source, self.keeps_loops = source, keeps_loops
         self.variables = variables_of(source.node)
         self.values: dict[str, Any] = {}  # of names
         self.slots: dict[str, Any] = {}  # of names: pointers to their numbers, first value
@@ -303,7 +312,7 @@ class Function(Writer):
         self._round(line, following, after)
         self.begin(following)
         self.run(f"{rest.text} = add nsw i64 {index.text}, {step}")
-        self.jump(test)
+        self.jump(test, f", !llvm.loop {self.module.rolled_loop()}" if self.keeps_loops else "")
         self.begin(after)
 
     def _continue_line(self, line: ast.Continue) -> None:

@@ -34,8 +34,15 @@ class Module:
     def __init__(self) -> None:
         self.functions: dict[Any, tuple[str, Any]] = {}  # name and result
         self.texts: list[str] = []
+        self.metadata = ['!0 = !{!"llvm.loop.unroll.disable"}']
         self.declarations: dict[str, None] = {}
         self.arrays: dict[int, tuple[str, np.ndarray]] = {}
+
+    def rolled_loop(self) -> str:
+        """Add the metadata of one more loop that LLVM must not unroll; return their name."""
+        name = f"!{len(self.metadata)}"
+        self.metadata.append(f"{name} = distinct !{{{name}, !0}}")
+        return name
 
     def declare(self, line: str) -> None:
         """Add the LLVM declaration of a function that the module calls and does not define; a line
@@ -114,11 +121,12 @@ class Module:
         values: list[Any] = [Array(FLOAT, passed[0])]
         for number in passed[1:]:
             values.append(Array(INT, number) if number.kind == POINTER else number)
-        Function(source, tuple(values), self).define(f"void @{name}", passed)
+        function = Function(source, tuple(values), self, keeps_loops=True)
+        function.define(f"void @{name}", passed)
 
     def text(self) -> str:
         """Return the LLVM assembly of the whole module."""
-        return "\n".join([*self.declarations, *self.texts]) + "\n"
+        return "\n".join([*self.declarations, *self.texts, *self.metadata]) + "\n"
 
 
 def _is_known(number: Number, source: Source) -> bool:

@@ -45,10 +45,11 @@ class Writer:
         self.lines.append(f"{label}:")
         self.block, self.ended = label, False
 
-    def jump(self, label: str) -> None:
-        """End the current block with a jump to a label; do nothing if the block has ended."""
+    def jump(self, label: str, metadata: str = "") -> None:
+        """End the current block with a jump to a label; do nothing if the block has ended.
+        ``metadata`` is what LLVM's assembly has after the jump, from a comma on."""
         if not self.ended:
-            self.run(f"br label %{label}")
+            self.run(f"br label %{label}{metadata}")
             self.ended = True
 
     def branch(self, test: Number, yes: str, no: str) -> None:

@@ -766,13 +766,12 @@ from sepmc.campaign.execution import step_selection
 from sepmc.kernel.emit.compile_units import split
 from sepmc.translator import compiler
 import sepmc
-text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
+text = step_selection.kernel_text(sepmc.load("table2.toml", {"output.loads": ["pins"]}))
 code = []
 for piece in split(text):
-    if piece.name.startswith("rates_"):
-        module = compiler.optimised(compiler.assembly(piece.text, "entry"))
-        lines = compiler.target_machine().emit_assembly(module).splitlines()
-        code += [(piece.name, line) for line in lines]
+    module = compiler.optimised(compiler.assembly(piece.text, "entry"))
+    lines = compiler.target_machine().emit_assembly(module).splitlines()
+    code += [(piece.name, line) for line in lines]
 found, function = {}, None
 for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
@@ -795,8 +794,9 @@ print(json.dumps(found))
 
 @pytest.mark.slow
 def test_machine_code_is_straight_and_wide(tmp_path):
-    """Derivative of every phase: packed arithmetic of four or eight cases outnumbers scalar
-    arithmetic 20 to 1, without calls."""
+    """Arithmetic is packed, of four or eight cases: in the derivative of every phase it outnumbers
+    scalar arithmetic 20 to 1, without calls; no other piece of a kernel has more than a few scalar
+    instructions. LLVM leaves a loop over lanes that it unrolls first scalar."""
     flags = Path("/proc/cpuinfo")
     if not flags.is_file() or " avx2 " not in flags.read_text(encoding="utf-8").replace(
         "\n", " \n"
@@ -814,8 +814,12 @@ def test_machine_code_is_straight_and_wide(tmp_path):
     assert done.returncode == 0, done.stderr
     content = json.loads(done.stdout)
     print(content)
-    assert set(content) == {"rates_phase1", "rates_phase2", "rates_phase3"}
+    derivatives = {"rates_phase1", "rates_phase2", "rates_phase3"}
+    assert derivatives | {"advance_sharp9", "interpolate", "note_indicators"} <= set(content)
     for function, counts in content.items():
+        assert counts["scalar"] <= 8 + counts["packed"] / 20, function
+    for function in derivatives:
+        counts = content[function]
         assert counts["packed"] >= 200, function
         assert counts["packed"] >= 20 * counts["scalar"], function
         assert counts["calls"] == 0, function

@@ -108,11 +108,11 @@ def _begin(out: Text, c: Context) -> None:
     text("prepare(w)")
     for field, count in [*((field, 3) for field in tip_off_fields(c)), *time_fields(c)]:
         c.workspace.add(field, count, optional=True)
-        text.block(f"for e in range({count} * LANES):")(f"w[{field} + e] = math.nan")
+        text.components(f"{count} * LANES")(f"w[{field} + e + l] = math.nan")
     for event in c.spec.scene.event:
         c.workspace.add(event_field(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
-        text.block(f"for e in range({c.workspace.counts[event_field(event.name)]} * LANES):")(
-            f"w[{event_field(event.name)} + e] = math.nan"
+        text.components(f"{c.workspace.counts[event_field(event.name)]} * LANES")(
+            f"w[{event_field(event.name)} + e + l] = math.nan"
         )
     if c.history == at.FULL_HISTORY:
         c.workspace.add("WANTS_ROWS", 1, optional=True)
@@ -172,13 +172,13 @@ def _enter_first_cells(text: Text, c: Context, segment: Segment) -> None:
     switched += [(f"ACTS_{load.name}", 1) for load in c.spec.scene.load]
     for name, count in switched if c.spec.load_switches else []:
         c.workspace.add(name, count)
-        text.block(f"for e in range({count} * LANES):")(f"w[{name} + e] = 0.0")
-    text.block("for e in range(SIZE_Y):")("w[K1 + e] = 0.0")
+        text.components(f"{count} * LANES")(f"w[{name} + e + l] = 0.0")
+    text.components("SIZE_Y")("w[K1 + e + l] = 0.0")
     text(f"table_rates_{segment.name}(w)", f"enter_cells_{segment.name}(w, 0.0)")
-    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text(f"rates_{segment.name}(w)")
-    text.block("for e in range(SIZE_Y):")("w[K1 + e] = w[D + e]")
+    text.components("SIZE_Y")("w[K1 + e + l] = w[D + e + l]")
     text(f"table_rates_{segment.name}(w)", f"enter_cells_{segment.name}(w, 1.0)")
 
 
@@ -193,8 +193,8 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
     )
     if segment.rows:
         text(f"correct_{segment.name}(w)")
-        text.block("for e in range(4 * LANES):")(
-            "w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])"
+        text.components("4 * LANES")(
+            "w[RESIDUAL + e + l] = larger(w[RESIDUAL + e + l], w[RESIDUAL_NOW + e + l])"
         )
     scope = c.scope()
     c.workspace.add(f"ENDED_{segment.name}", 1)
@@ -402,7 +402,7 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
     if segment.may_end_by_load:  # no load is looked at in a step without length
         typical = f"max({typical}, {_SHORTEST_S})"
     if c.history == at.SEPARATION_HISTORY:
-        text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
+        text.components("SIZE_Y")("w[BEGIN + e + l] = w[Y + e + l]")
         text.lanes()("w[BEGIN_T + l] = w[T + l]")
     for k, rk in enumerate(methods):
         inner = text

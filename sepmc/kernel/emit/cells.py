@@ -89,18 +89,21 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
         "Points in tables with kinks, and some looked-up values, at Y; their rates along K1."
     )
     text = out.function(f"table_rates_{segment.name}(w)", docstring)
-    text.block(f"for e in range({size} * LANES):")(f"w[S + e] = w[Y + e] + {_MOMENT} * w[K1 + e]")
+    text.components(f"{size} * LANES")(f"w[S + e + l] = w[Y + e + l] + {_MOMENT} * w[K1 + e + l]")
     text.lanes()(f"w[CLOCK + l] = w[T + l] + {_MOMENT}")
     text(f"look_up_{segment.name}(w)")
     for name, field, count in known:
         c.workspace.add(f"NOW_{name}", count), c.workspace.add(f"RATE_{name}", count)
-        inner = text.block(f"for e in range({count} * LANES):")
-        inner(f"w[RATE_{name} + e] = w[{field} + e]")
+        inner = text.components(f"{count} * LANES")
+        inner(f"w[RATE_{name} + e + l] = w[{field} + e + l]")
     _look_up_at_state(text, segment)  # last: kinks of formulas read values that are looked up
     for name, field, count in known:
-        inner = text.block(f"for e in range({count} * LANES):")
-        inner(f"w[NOW_{name} + e] = w[{field} + e]")
-        inner(f"w[RATE_{name} + e] = (w[RATE_{name} + e] - w[NOW_{name} + e]) / {_MOMENT}")
+        inner = text.components(f"{count} * LANES")
+        inner(f"w[NOW_{name} + e + l] = w[{field} + e + l]")
+        inner(
+            f"change = w[RATE_{name} + e + l] - w[NOW_{name} + e + l]",
+            f"w[RATE_{name} + e + l] = change / {_MOMENT}",
+        )
     if not tables:
         return
     _emit_second_rates(out, c, segment, tables)
@@ -143,7 +146,7 @@ def _slack_forces(c: Context) -> list[tuple[str, int]]:
 def _look_up_at_state(text: Text, segment: Segment) -> None:
     """Append lines that copy the state Y to S and the time T to CLOCK, and look up all tables
     there."""
-    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text(f"look_up_{segment.name}(w)")
 
@@ -158,20 +161,20 @@ def _emit_second_rates(out: Text, c: Context, segment: Segment, tables: list[_Ki
     _look_up_at_state(text, segment)
     for table in tables:
         c.workspace.add(f"SECOND_{table.cell}", 3)
-        inner = text.block("for e in range(3 * LANES):")
-        inner(f"w[SECOND_{table.cell} + e] = w[{table.point} + e]")
+        inner = text.components("3 * LANES")
+        inner(f"w[SECOND_{table.cell} + e + l] = w[{table.point} + e + l]")
     for factor in (-2.0, 1.0):
         text(f"rates_{segment.name}(w)")
-        inner = text.block(f"for e in range({size} * LANES):")
-        inner(f"w[S + e] += {_LONGER_MOMENT} * w[D + e]")
+        inner = text.components(f"{size} * LANES")
+        inner(f"w[S + e + l] += {_LONGER_MOMENT} * w[D + e + l]")
         text.lanes()(f"w[CLOCK + l] += {_LONGER_MOMENT}")
         text(f"look_up_{segment.name}(w)")
         for table in tables:
-            inner = text.block("for e in range(3 * LANES):")
-            inner(f"w[SECOND_{table.cell} + e] += {factor} * w[{table.point} + e]")
+            inner = text.components("3 * LANES")
+            inner(f"w[SECOND_{table.cell} + e + l] += {factor} * w[{table.point} + e + l]")
     for table in tables:
-        inner = text.block("for e in range(3 * LANES):")
-        inner(f"w[SECOND_{table.cell} + e] *= {1.0 / _LONGER_MOMENT**2}")
+        inner = text.components("3 * LANES")
+        inner(f"w[SECOND_{table.cell} + e + l] *= {1.0 / _LONGER_MOMENT**2}")
 
 
 def cell_end(s: State, cell: str, axis: int, is_top: bool) -> tuple[Any, Any, Any]:

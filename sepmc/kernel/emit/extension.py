@@ -13,10 +13,10 @@ def emit_extension(out: Text, c: Context) -> None:
     """Write the kernel functions ``make_extension(w, phase)``, which computes the coefficients of
     the continuous extension of the step just made, and ``interpolate(w, phase)``, which computes
     the state at a fraction of that step."""
-    c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
-    # start and length of the step, and its present end as a fraction of that length: less than 1
-    # if it was cut short
-    for name in ("BEGIN_T", "LENGTH", "REACH"):
+    c.workspace.add("BEGIN", c.size)
+    # fraction of the step to interpolate at; start and length of the step; its present end as a
+    # fraction of that length: less than 1 if it was cut short
+    for name in ("THETA", "BEGIN_T", "LENGTH", "REACH"):
         c.workspace.add(name, 1)
     _emit_make_extension(out, c)
     _emit_interpolate(out, c)
@@ -37,23 +37,23 @@ def _emit_make_extension(out: Text, c: Context) -> None:
     for i in range(stages, total):
         restore_stage(text, rk, i)
         text("rates(w, phase)")
-        text.block("for e in range(SIZE_Y):")(f"w[K{i + 1} + e] = w[D + e]")
+        text.components("SIZE_Y")(f"w[K{i + 1} + e + l] = w[D + e + l]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
-    text.block("for e in range(SIZE_Y):")("w[POWERS + e] = 0.0")
+    text.components("SIZE_Y")("w[POWERS + e + l] = 0.0")
     used = [j for j in range(total) if rk.dense[j].any()]
     inner = text.block(f"for q in range(1, {order + 1}):")
     names = [f"by_{j + 1}" for j in used]
     inner.broken(f"{', '.join(names)} = {', '.join(f'DENSE[q, {j}]' for j in used)}")
     sum_of_stages = _weighted(zip(used, names, strict=True))
-    inner.block("for e in range(SIZE_Y):").broken(
-        f"w[POWERS + q * SIZE_Y + e] = w[STEP + e] * ({sum_of_stages})"
+    inner.components("SIZE_Y").broken(
+        f"w[POWERS + q * SIZE_Y + e + l] = w[STEP + e + l] * ({sum_of_stages})"
     )
 
 
 def _weighted(stages: Iterable[tuple[int, str]]) -> str:
     """Kernel code of the sum of stage derivatives, each times a coefficient; ``stages`` has the
     index of each stage and the code of its coefficient."""
-    return " + ".join(f"{coefficient} * w[K{j + 1} + e]" for j, coefficient in stages)
+    return " + ".join(f"{coefficient} * w[K{j + 1} + e + l]" for j, coefficient in stages)
 
 
 def _emit_interpolate(out: Text, c: Context) -> None:
@@ -66,11 +66,11 @@ def _emit_interpolate(out: Text, c: Context) -> None:
     text = out.function("interpolate(w, phase: int)", docstring)
     text.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + w[THETA + l] * w[LENGTH + l]")
     order = c.extended.dense.shape[1] - 1
-    inner = text.block("for e in range(SIZE_Y):")
-    inner(f"total = w[POWERS + {order} * SIZE_Y + e]")
+    inner = text.components("SIZE_Y")
+    inner(f"total = w[POWERS + {order} * SIZE_Y + e + l]")
     for power in range(order - 1, 0, -1):
-        inner(f"total = w[POWERS + {power} * SIZE_Y + e] + w[THETA + e] * total")
-    inner("w[S + e] = w[BEGIN + e] + w[THETA + e] * total")
+        inner(f"total = w[POWERS + {power} * SIZE_Y + e + l] + w[THETA + l] * total")
+    inner("w[S + e + l] = w[BEGIN + e + l] + w[THETA + l] * total")
     for first, bodies in rotating_from(c):
         scope = c.scope()
         for body in bodies:

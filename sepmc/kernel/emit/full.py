@@ -27,7 +27,7 @@ def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
     """Append lines that set the whole matrix of the full system of a segment to zero; only nonzero
     entries are written afterwards. ``bodies`` are all moving bodies."""
     n = _size(segment, bodies)
-    text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{segment.name} + e] = 0.0")
+    text.components(f"{n * n} * LANES")(f"w[SYSTEM_{segment.name} + e + l] = 0.0")
 
 
 def _size(segment: Segment, bodies: list[str]) -> int:

@@ -11,7 +11,7 @@ from sepmc.kernel.emit.motion import Motion
 from sepmc.kernel.emit.outcomes import body_outcomes
 from sepmc.kernel.emit.relative import relative_values
 from sepmc.kernel.emit.signals import signals_of
-from sepmc.kernel.emit.steps import emit_broadcast, restore_stage
+from sepmc.kernel.emit.steps import restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.methods import Method
@@ -101,9 +101,9 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     stages = (0, *rk.within)
     for number, i in enumerate(stages):
         restore_stage(text, rk, i)
-        text.block("for e in range(SIZE_Y):")(f"w[D + e] = w[K{i + 1} + e]")
+        text.components("SIZE_Y")(f"w[D + e + l] = w[K{i + 1} + e + l]")
         _store_point(text, c, number)
-    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text("rates(w, phase)")
     _store_point(text, c, len(stages))
@@ -121,8 +121,8 @@ def _store_point(text: Text, c: Context, number: int) -> None:
     for k, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{segment.name}(w)")
     size = c.workspace.counts["POINT"]
-    text.block(f"for e in range({size} * LANES):")(
-        f"w[POINTS + {number * size} * LANES + e] = w[POINT + e]"
+    text.components(f"{size} * LANES")(
+        f"w[POINTS + {number * size} * LANES + e + l] = w[POINT + e + l]"
     )
 
 
@@ -230,7 +230,6 @@ def _emit_full_history(out: Text, c: Context) -> None:
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
     c.workspace.add("WITHIN", 1)
     text = text.block("if n_rows > 0.0:")
-    emit_broadcast(text, c, "THETA")
     text("interpolate(w, phase)")
     for number, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{segment.name}(w)")

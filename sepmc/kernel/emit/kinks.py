@@ -170,7 +170,7 @@ def emit_modes(out: Text, c: Context) -> None:
     text = out.function("set_modes(w)", "Set the modes of kinks at the start.")
     segment = c.spec.segments[0]
     if has_tables(c.spec):
-        text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+        text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, segment)
     s = State(c, c.scope(), segment, "Y")

@@ -11,7 +11,7 @@ import math
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_loads, reset_guides, update_guides
-from sepmc.kernel.emit.steps import emit_broadcast, emit_cut_attitudes
+from sepmc.kernel.emit.steps import emit_cut_attitudes
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.kernel.spec.kernel_spec import ANY_PHASE, Event, Segment
 from sepmc.kernel.tracer.text import Text
@@ -47,15 +47,14 @@ def emit_monitor(out: Text, c: Context) -> None:
     )
     inner = text.block(f"for i in range({at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
-    emit_broadcast(inner, c, "THETA")
     inner("interpolate(w, phase)")
     for offset, (number, segment) in enumerate(segments.items()):
         function = "rates" if c.wrenches_from_rates(segment) else "wrenches"
         inner.block(f"{'elif' if offset else 'if'} phase == {number}:")(
             f"{function}_{segment.name}(w)"
         )
-    inner.block(f"for e in range({numbers} * LANES):")(
-        f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]"
+    inner.components(f"{numbers} * LANES")(
+        f"w[WRENCHES + i * {numbers} * LANES + e + l] = w[WRENCH + e + l]"
     )
     for number, segment in segments.items():
         if segment.loads:
@@ -159,7 +158,7 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
     segment (given with its number) short at the first load event within it: state and time become
     those of the event, by the continuous extension, and the flags of all load events at that time
     are set."""
-    c.workspace.add("CUT", c.size)
+    c.workspace.add("CUT", 1)
     docstring = (
         f"Cut the step just made in phase {segment.name} short at the first load event, or at "
         "simultaneous ones."
@@ -215,11 +214,9 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
         )
     inner(*sides)
     inner = text.block("if any_reached > 0.0:")
-    emit_broadcast(inner, c, "THETA")
-    emit_broadcast(inner, c, "CUT")
     inner(f"interpolate(w, {number})")
-    inner.block(f"for e in range({c.spec.active_size(segment)} * LANES):")(
-        "w[Y + e] = w[S + e] if w[CUT + e] > 0.0 else w[Y + e]"
+    inner.components(f"{c.spec.active_size(segment)} * LANES")(
+        "w[Y + e + l] = w[S + e + l] if w[CUT + l] > 0.0 else w[Y + e + l]"
     )
     emit_cut_attitudes(inner, c, segment, "CUT")
 

@@ -39,7 +39,7 @@ def emit_outcomes(out: Text, c: Context) -> None:
         "OUTCOMES", len(spec.bodies) * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
     )
     if has_wind_profile(spec):
-        text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+        text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, segment)
     if c.output_guides:

@@ -56,7 +56,7 @@ def emit_samples(out: Text, c: Context, segment: Segment) -> None:
         "Use samples of signals, and take new ones, where they are due.",
     )
     if has_tables(c.spec):
-        text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+        text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, segment)
     s = State(c, c.scope(), segment, "Y")

@@ -60,14 +60,14 @@ def coefficients(rk: Method, extends: bool) -> list[str]:
 def restore_stage(text: Text, rk: Method, i: int) -> None:
     """Append lines that compute again the state S and the time CLOCK of stage ``i`` (from 0) of the
     step just made from BEGIN, from the stored derivatives of the stages before it."""
-    inner = text.block("for e in range(SIZE_Y):")
+    inner = text.components("SIZE_Y")
     used = [j for j in range(i) if rk.a[i, j] != 0.0]
     if not used:
-        inner("w[S + e] = w[BEGIN + e]")
+        inner("w[S + e + l] = w[BEGIN + e + l]")
         text.lanes()("w[CLOCK + l] = w[BEGIN_T + l]")
         return
-    terms = [f"{coefficient(rk, 'A', i, j)} * w[K{j + 1} + e]" for j in used]
-    inner.wrapped("w[S + e] = w[BEGIN + e] + w[STEP + e] * (", terms, ")")
+    terms = [f"{coefficient(rk, 'A', i, j)} * w[K{j + 1} + e + l]" for j in used]
+    inner.wrapped("w[S + e + l] = w[BEGIN + e + l] + w[STEP + e + l] * (", terms, ")")
     text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + {coefficient(rk, 'C', i)} * w[STEP + l]")
 
 
@@ -187,8 +187,8 @@ def emit_broadcast(text: Text, c: Context, field: str) -> None:
     filled = 1
     while filled < c.size:
         more = min(filled, c.size - filled)
-        text.block(f"for e in range({more} * LANES):")(
-            f"w[{field} + {filled} * LANES + e] = w[{field} + e]"
+        text.components(f"{more} * LANES")(
+            f"w[{field} + {filled} * LANES + e + l] = w[{field} + e + l]"
         )
         filled += more
 
@@ -258,7 +258,7 @@ def emit_event_polish(out: Text, c: Context) -> None:
     )
     _emit_stages(text, rk, np.empty((0, rk.stages)))
     text("finish_step(w, phase)", "set_event_polish_step(w, phase)")
-    text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
+    text.components("size")("w[Y + e + l] += w[STEP + e + l] * w[D + e + l]")
     inner = text.lanes()
     inner(
         "h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)"
@@ -276,19 +276,19 @@ def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     ``set_length``, the code of the call that sets the step length; with ``keeps``, they also store
     state and time at the start of the step into BEGIN and BEGIN_T."""
     if c.may_idle:
-        text.block("for e in range(SIZE_Y):")("w[STATE_BEFORE + e] = w[Y + e]")
+        text.components("SIZE_Y")("w[STATE_BEFORE + e + l] = w[Y + e + l]")
         if c.workspace.has("PIVOT"):
             text.lanes()("w[PIVOT_BEFORE + l] = w[PIVOT + l]")
-    inner = text.block("for e in range(size):")
-    inner("w[S + e] = w[Y + e]")
+    inner = text.components("size")
+    inner("w[S + e + l] = w[Y + e + l]")
     if keeps:
-        inner("w[BEGIN + e] = w[Y + e]")
+        inner("w[BEGIN + e + l] = w[Y + e + l]")
     inner = text.lanes()
     inner("w[CLOCK + l] = w[T + l]")
     if keeps:
         inner("w[BEGIN_T + l] = w[T + l]")
     text("rates(w, phase)")
-    text.block("for e in range(size):")("w[K1 + e] = w[D + e]")
+    text.components("size")("w[K1 + e + l] = w[D + e + l]")
     text(set_length)
 
 
@@ -314,25 +314,27 @@ def _emit_stages(
         stored = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (
             i < stages and ends[i - 1] != 0.0
         )
-        inner = text.block("for e in range(size):")
+        inner = text.components("size")
         if i > 1 and (i - 1 in used or stored):
-            inner(f"k{i} = w[D + e]")
+            inner(f"k{i} = w[D + e + l]")
             if stored:
-                inner(f"w[K{i} + e] = k{i}")
-        values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e]" for j in used]
+                inner(f"w[K{i} + e + l] = k{i}")
+        values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e + l]" for j in used]
         if i == stages and error_weights is not None:
             error_terms = [
-                f"{coefficient(rk, 'E', j)} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
+                f"{coefficient(rk, 'E', j)} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e + l]'}"
                 for j in np.flatnonzero(error_weights).tolist()
             ]
-            inner.wrapped("w[EMBEDDED_ERROR + e] = w[STEP + e] * (", error_terms, ")")
+            inner.wrapped("w[EMBEDDED_ERROR + e + l] = w[STEP + e + l] * (", error_terms, ")")
         of_end = i == stages
         terms = [
             f"{coefficient(rk, 'B', j) if of_end else coefficient(rk, 'A', i, j)} * {value}"
             for j, value in zip(used, values, strict=True)
         ]
         inner.wrapped(
-            f"w[{'S' if i < stages else 'Y'} + e] = w[Y + e] + w[STEP + e] * (", terms, ")"
+            f"w[{'S' if i < stages else 'Y'} + e + l] = w[Y + e + l] + w[STEP + e + l] * (",
+            terms,
+            ")",
         )
         if i < stages:
             text.lanes()(f"w[CLOCK + l] = w[T + l] + {coefficient(rk, 'C', i)} * w[STEP + l]")
@@ -379,20 +381,21 @@ def emit_finish_step(out: Text, c: Context) -> None:
         if segment.rows:
             text.block(f"if phase == {number}:")(f"correct_{segment.name}(w)")
     if c.may_idle:
-        text.block("for e in range(SIZE_Y):")(
-            "w[Y + e] = w[STATE_BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
+        text.components("SIZE_Y")(
+            "w[Y + e + l] = w[STATE_BEFORE + e + l] if w[STEP + e + l] == 0.0 else w[Y + e + l]"
         )
         if c.workspace.has("PIVOT"):
             text.lanes()(
                 "w[PIVOT + l] = w[PIVOT_BEFORE + l] if w[STEP + l] == 0.0 else w[PIVOT + l]"
             )
         # an idle lane must not update its energy
-        text.block("for e in range(3 * LANES):")("w[ENERGY_BEFORE + e] = w[ENERGY + e]")
+        text.components("3 * LANES")("w[ENERGY_BEFORE + e + l] = w[ENERGY + e + l]")
     for number, segment in enumerate(spec.segments):
         text.block(f"if phase == {number}:")(f"energy_{segment.name}(w, 0.0)")
     if c.may_idle:
-        text.block("for e in range(3 * LANES):")(
-            "w[ENERGY + e] = w[ENERGY_BEFORE + e] if w[STEP + e] == 0.0 else w[ENERGY + e]"
+        text.components("3 * LANES")(
+            "w[ENERGY + e + l] = "
+            "w[ENERGY_BEFORE + e + l] if w[STEP + e + l] == 0.0 else w[ENERGY + e + l]"
         )
 
 

@@ -103,7 +103,7 @@ def _emit_aero_tables(
         if (start := table_start(c, body)) >= 0:
             _emit_table(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
         else:
-            text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
+            text.components(f"{COEFFICIENTS} * LANES")(f"w[LOOKED_UP_{body} + e + l] = 0.0")
     for i, entry in _increments(c, bodies):
         start, factor = proximity_start(c, i), int(c.model.proximity_p) + i
         c.workspace.add(f"INCREMENTS_{i}", COEFFICIENTS)

@@ -57,6 +57,13 @@ class Text:
         the text for its body."""
         return self.block("for l in range(LANES):")
 
+    def components(self, size: str) -> "Text":
+        """Append the heads of a loop over the components of fields and of a loop over lanes within
+        it; return the text for their body. ``size`` is the code of the number of components times
+        LANES. In the body, w[X + e + l] is a number of a field X: ``e`` is LANES times the index of
+        the component, from 0, ``l`` the lane."""
+        return self.block(f"for e in range(0, {size}, LANES):").lanes()
+
     def function(self, signature: str, docstring: str) -> "Text":
         """Append the head of a kernel function, with decorator, docstring and the mark that it is
         not inlined.
