@@ -67,7 +67,12 @@ class CaseSelection:
         return any(first <= number < end for first, end in self.ranges)
 
     def __str__(self) -> str:
-        return ",".join(str(a) if b == a + 1 else f"{a}:{b}" for a, b in self.ranges)
+        """Case numbers as `read` and `parse` take them, such as ``25:50,73``. A single case is
+        ``73:74``, as ``73`` alone is a number of cases."""
+        is_one_range = len(self.ranges) == 1
+        return ",".join(
+            str(a) if b == a + 1 and not is_one_range else f"{a}:{b}" for a, b in self.ranges
+        )
 
     def without(self, done: np.ndarray) -> "CaseSelection":
         """Return the selection without the sorted case numbers ``done`` (n,)."""
@@ -135,11 +140,9 @@ class CaseSelection:
 
 
 def parse(text: str) -> CaseSelection:
-    """Return the selection that a text describes: case numbers, ``25:50,73`` (25 to 49, and 73),
-    or a number N of cases from 1, which selects 0 to N - 1. Raises InputError if the text is
-    neither."""
-    selection = read(text)
-    return CaseSelection.first(selection) if isinstance(selection, int) else selection
+    """Return the selection of the case numbers in the manifest of a run, ``25:50,73``. A lone
+    ``73``, which earlier versions wrote, is case 73. Raises InputError if it is no such text."""
+    return _of_numbers(text, InputError(f"cases = {text}: {_ALLOWED}"))
 
 
 def read(value: Any, name: str = "cases") -> int | CaseSelection:
@@ -185,6 +188,11 @@ def _from_text(text: str, name: str) -> int | CaseSelection:
         except ValueError:
             raise error from None
         return check_int(name, number if number.is_integer() else text, 1, CASES)
+    return _of_numbers(text, error)
+
+
+def _of_numbers(text: str, error: InputError) -> CaseSelection:
+    """Return the selection of case numbers, ``25:50,73``; raises ``error`` for any other text."""
     ranges = []
     for part in text.split(","):
         ends = part.split(":")

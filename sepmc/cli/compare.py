@@ -140,10 +140,12 @@ def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatis
     numbers; then of every status the number of cases, and of every requirement the verdict, in both
     runs (``A -> B``), also where these are equal."""
     from sepmc.analysis.compare import tree_differences
+    from sepmc.campaign.case_selection import parse
 
     trees = [_without_cases(each.file.tree) for each in campaigns]
     lines = tree_differences(trees[0], trees[1])
-    cases = [str(r.manifest.get("numbers") or f"0:{r.manifest['cases']}") for r in runs]
+    numbers = [(run.manifest.get("numbers"), run.manifest["cases"]) for run in runs]
+    cases = [str(parse(text)) if text else f"0:{count}" for text, count in numbers]
     lines += [f"cases: {' -> '.join(cases)}"] if cases[0] != cases[1] else []
     click.echo(
         "\n".join(["differences of the campaign files", *(f"  {x}" for x in lines or ["none"])])

@@ -64,6 +64,7 @@ def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
     else 0. Raises StoreError if one of the ``findings`` cannot be repaired, such as a
     changed campaign file."""
     from sepmc.campaign.campaign import load
+    from sepmc.campaign.case_selection import parse
     from sepmc.campaign.store import folders, manifests
 
     for finding in findings:
@@ -73,8 +74,9 @@ def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
     manifests.ensure_ledger(folder)
     manifest = manifests.read_provenance(folder)
     campaign = load(folder, verify=False)
+    numbers = manifest.get("numbers")
     result = campaign.run(
-        manifest.get("numbers", manifest.get("cases")),
+        parse(numbers) if numbers else manifest.get("cases"),
         manifest.get("seed"),
         out=folder,
         resume=True,

@@ -17,7 +17,7 @@ import sepmc
 from sepmc.analysis.proportions import binomial_interval
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.stopping import parse_stopping_rule
-from sepmc.campaign.case_selection import CaseSelection, read
+from sepmc.campaign.case_selection import CaseSelection, parse, read
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.campaign.store.untrusted import StoreError
@@ -72,7 +72,7 @@ def test_numbers_are_a_set(numbers, others, size):
     assert result.omits(excluded) == bool(others - numbers)
     assert result.count_common(CaseSelection.of(others)) == len(numbers & others)
     assert [i in result for i in range(75)] == [i in numbers for i in range(75)]
-    assert read(f"{result},{result}") == result
+    assert parse(str(result)) == read(str(result)) == read(f"{result},{result}") == result
 
 
 @pytest.mark.parametrize(
@@ -120,6 +120,47 @@ def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
         campaign.run("3:5", out=folder, resume=True)
     pd.testing.assert_frame_equal(flown(campaign, None, out=folder, resume=True), every)
     assert "numbers" not in read_manifest(folder)
+
+
+def _as_earlier_versions(selection):
+    """Text of a selection in manifests of earlier versions: that of one case is its number."""
+    return ",".join(str(a) if b == a + 1 else f"{a}:{b}" for a, b in selection.ranges)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stats_only", [False, True])
+@pytest.mark.parametrize("earlier", [False, True])
+@pytest.mark.parametrize("number", [0, 7])
+def test_a_run_of_one_case_is_that_case(file, tmp_path, monkeypatch, number, earlier, stats_only):
+    """A folder of one case reopens, resumes, replays and is repaired as that case, not as a number
+    of cases, also if an earlier version wrote it."""
+    folder, of_folder = tmp_path / "run", tmp_path / "run" / "case"
+    with monkeypatch.context() as patched:
+        if earlier:
+            patched.setattr(CaseSelection, "__str__", _as_earlier_versions)
+        sepmc.load(file).run([number], out=folder, stats_only=stats_only)
+    one = CaseSelection.of([number])
+    assert parse(read_manifest(folder)["numbers"]) == one
+    again = sepmc.load(folder).run(out=folder, resume=True)
+    assert (again.numbers, again.resumed) == (one, 1)
+    code, message = command("campaign", folder, "--out", folder, "--resume", "--no-plots")
+    assert (code, read_manifest(folder)["cases"]) == (0, 1), message
+    assert command("doctor", folder)[0] == 0
+    for damaged in folder.glob("*/part-*.parquet"):
+        damaged.unlink()
+    code, message = command("doctor", folder, "--repair")
+    assert (code, read_manifest(folder)["cases"]) == (0, 1), message
+    if stats_only:
+        return
+    code, message = command("compare", folder, folder)
+    assert (code, "cases:" in message) == (0, False), message
+    assert sepmc.open(folder).numbers == one
+    assert sepmc.open(folder).to_pandas().index.tolist() == [number]
+    code, message = command("replay", folder, "--case", number, "--out", of_folder, "--no-plots")
+    assert code == 0, message
+    code, message = command("replay", folder, "--case", 3)
+    assert (code, f"contains cases {one}; --case 3 is none" in message) == (2, True), message
+    assert command("report", folder)[0] == 0
 
 
 def test_figures_of_cases_far_down(file, tmp_path):

@@ -231,8 +231,9 @@ def _stored_accumulators(
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), spec.numbers
     arrays, about = shards.read_accumulators(folder, entry)
-    if about.get(b"numbers") != spec.text.encode() or entry.first > spec.numbers.count:
-        numbers = about.get(b"numbers", b"").decode(errors="replace")
+    numbers = about.get(b"numbers", b"").decode(errors="replace")
+    is_same = parse(numbers) == spec.numbers if numbers else not spec.text
+    if not is_same or entry.first > spec.numbers.count:
         raise folders.StoreError(
             f"{folder}: contains statistics of {entry.first} cases"
             f"{f' of {numbers}' if numbers else ''}; "
