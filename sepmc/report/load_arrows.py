@@ -76,9 +76,12 @@ def spring_forces(
         force = force - stiffness * extension - damping * rate
         if spring.table is not None:
             force = force + _of_table(spring.table, extension, rate)
+        force = factor * force
+        if spring.push_only:
+            force = np.maximum(force, 0.0)
         end = ends.get(spring.name, np.nan)
         acts = np.isnan(end) | (time < end)
-        yield spring, (factor * force * acts)[:, None] * line
+        yield spring, (force * acts)[:, None] * line
 
 
 def _of_table(table: ForceTable, extension: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.model import Body, ForceTable, Motor, Scene, Spring
 
 Array = np.ndarray
+_EXTENSIONS = 2001  # of a spring that only pushes, at which its work is added up
 
 
 @dataclass(frozen=True)
@@ -149,21 +150,29 @@ def energy(spring: Spring) -> float:
     Returns
     -------
     float
-        J, without damping; a negative force counts, also with ``push_only``. Infinite if the spring
-        has a force but neither a stroke nor a stiffness.
+        J, without damping. A negative force counts, unless the spring only pushes. Infinite if the
+        spring has a force but neither a stroke nor a stiffness.
     """
-    stroke = spring.stroke
+    force, stroke = spring.force, spring.stroke
     if math.isinf(stroke):
+        if force <= 0.0 and spring.push_only:
+            return 0.0
         if spring.stiffness == 0.0:
-            return math.inf if spring.force else 0.0
-        stroke = spring.force / spring.stiffness
-    work = spring.force * stroke - spring.stiffness * stroke * stroke / 2.0
-    return spring.factor * (work + _of_table(spring.table, stroke))
+            return math.inf if force else 0.0
+        stroke = force / spring.stiffness
+    extension = np.linspace(0.0, stroke, _EXTENSIONS)
+    if spring.stiffness and 0.0 < force / spring.stiffness < stroke:
+        extension = np.sort(np.append(extension, force / spring.stiffness))
+    work = force * extension - spring.stiffness * extension * extension / 2.0
+    work = work + _of_table(spring.table, extension)
+    if spring.push_only:
+        return spring.factor * float(np.maximum(np.diff(work), 0.0).sum())
+    return spring.factor * float(work[-1])
 
 
-def _of_table(table: ForceTable | None, stroke: float) -> float:
-    """Integral of the force of a table over extension from 0 to ``stroke``, J; the force is
-    constant beyond the rows. 0 without a table."""
+def _of_table(table: ForceTable | None, extension: Array) -> Array | float:
+    """Integral of the force of a table from extension 0 to each ``extension`` (n,), J (n,); the
+    force is constant beyond the rows. 0 without a table."""
     from scipy.interpolate import (  # noqa: PLC0415  (few scenes need it)
         CubicSpline,
         PchipInterpolator,
@@ -175,11 +184,11 @@ def _of_table(table: ForceTable | None, stroke: float) -> float:
     makers = {"cubic": CubicSpline, "monotone": PchipInterpolator}
     make = makers.get(table.interpolation, functools.partial(make_interp_spline, k=1))
     (first, *_, last), force = table.extension, table.force
-    start, end = max(first, 0.0), min(last, stroke)
-    if end <= start:  # the stroke ends before the first row
-        return force[0] * stroke
-    inner = float(make(table.extension, force).integrate(start, end))
-    return force[0] * start + inner + force[-1] * (stroke - end)
+    start = max(first, 0.0)
+    integral = make(table.extension, force).antiderivative()
+    within = integral(np.clip(extension, start, last)) - integral(start)
+    before, beyond = np.minimum(extension, start), np.maximum(extension - last, 0.0)
+    return np.asarray(force[0] * before + within + force[-1] * beyond)
 
 
 def budget_lines(scene: Scene) -> Iterator[str]:

@@ -135,6 +135,7 @@ TABLE = {"extension_m": [-0.1, 0.0, 0.03, 0.08, 0.2], "force_N": [70.0, 50.0, 65
         {"force_N": 20.0, "table": TABLE | {"interpolation": "monotone"}, "axis": None},
         {"table": TABLE | {"return_factor": 0.5}, "stiffness_N_per_m": 4000.0},
         {"force_N": "drive", "stroke_m": 0.05},
+        {"force_N": 100.0, "stiffness_N_per_m": 1500.0, "push_only": True},
     ],
 )
 def test_springs_and_loads_accelerate_their_bodies(spring):

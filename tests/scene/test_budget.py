@@ -125,6 +125,26 @@ def test_energy_of_a_table(extension, force, more, work):
     assert energy(Spring(**spring | more, table=table)) == pytest.approx(work)
 
 
+@pytest.mark.parametrize(
+    ("spring", "work"),
+    [
+        ({"force": 100.0, "stiffness": 500.0, "stroke": 0.3}, 10.0),  # spent at 0.2 m
+        ({"force": 100.0, "stiffness": 500.0, "stroke": 0.1}, 7.5),
+        ({"force": -100.0, "stiffness": 500.0}, 0.0),
+        ({"force": -100.0}, 0.0),
+        ({"force": 0.0, "table": (100.0, -100.0, 100.0)}, 5.0),  # triangles of 50 mm and 100 N
+        ({"force": 50.0, "table": (50.0, -150.0, 50.0)}, 5.0),
+        ({"force": -100.0, "table": (50.0, 0.0, 50.0)}, 0.0),
+    ],
+)
+def test_energy_of_a_spring_that_only_pushes(spring, work):
+    if "table" in spring:
+        table = ForceTable(extension=(0.0, 0.1, 0.2), force=spring["table"], interpolation="linear")
+        spring = spring | {"table": table, "stroke": 0.2}
+    common = {"name": "s", "bodies": ("a", "b"), "point": (0.0, 0.0, 0.0), "push_only": True}
+    assert energy(Spring(**common | spring)) == pytest.approx(work, rel=1e-5)
+
+
 def test_check_prints_them():
     result = CliRunner().invoke(app.main, ["check", "hyper-x.toml", "--no-flight"])
     assert "mated        6075 kg, centre of mass [7.2148, 0, 0] m" in result.output
