@@ -550,7 +550,7 @@ class Campaign(Definition):
         on them are not valid, or there is no run folder ``out`` to store rows in."""
         keep, columns = options.keep, options.keep_columns
         if keep is None:
-            if columns or options.float32:
+            if columns is not None or options.float32:
                 raise InputError(
                     "keep_columns, float32: apply only to rows that keep selects; give keep too"
                 )

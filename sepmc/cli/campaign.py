@@ -145,7 +145,7 @@ def campaign(
         raise click.UsageError(
             f"--{'resume' if resume else 'overwrite'} needs --out, the run folder to use"
         )
-    if workers and cluster:
+    if workers is not None and cluster is not None:
         raise click.UsageError(
             "--workers and --cluster exclude each other: --workers starts processes on this "
             "machine, --cluster uses those of its scheduler"

@@ -84,7 +84,7 @@ def map_(
     from sepmc.scene.messages import InputError
 
     first, second = (
-        [parse_axis(text, name)] if text else []
+        [] if text is None else [parse_axis(text, name)]
         for name, text in (("--x", x_axis), ("--y", y_axis))
     )
     campaign = load_campaign(file, settings)

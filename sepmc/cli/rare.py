@@ -41,7 +41,7 @@ def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
     only the request is checked and printed. Returns the exit code. Raises UsageError for an option
     that a rare-event estimate cannot have."""
     for other, name in _EXCLUDED.items():
-        if parameters[other]:
+        if parameters[other] is not None and parameters[other] is not False:
             raise click.UsageError(f"--rare and --{name} exclude each other")
     if not isinstance(parameters["cases"], int | None):
         raise click.UsageError("--rare takes a number of cases, --cases 1e5, not a selection")

@@ -59,7 +59,7 @@ def replay(
     """
     log = logger(quiet)
     check_rows(folder)
-    targets = {way: target for way, target in ways.items() if target}
+    targets = {way: target for way, target in ways.items() if target is not None}
     if len(targets) + (number is not None) != 1:
         raise click.UsageError("give exactly one of --case, --worst, --min, --max and --nearest")
     campaign = load_run(folder)

@@ -16,7 +16,7 @@ def _numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> l
     """Return the case numbers of the text ``3,17``, sorted; empty for None. Raises BadParameter for
     other text, or too many numbers."""
     try:
-        numbers = sorted({int(number) for number in value.split(",")}) if value else []
+        numbers = [] if value is None else sorted({int(number) for number in value.split(",")})
     except ValueError:
         raise click.BadParameter(f"{value}: must be case numbers, as 3,17") from None
     if any(number < 0 for number in numbers) or len(numbers) > _MOST:

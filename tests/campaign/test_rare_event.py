@@ -467,6 +467,8 @@ def test_doctor_looks_at_it(folder, tmp_path):
         (["--stats-only"], "--rare and --stats-only exclude each other"),
         (["--sampler", "lhs"], "--rare and --sampler exclude each other"),
         (["--check"], "--rare and --check exclude each other"),
+        (["--max-failures", "0"], "--rare and --max-failures exclude each other"),
+        (["--keep", ""], "--rare and --keep exclude each other"),
         (["--cases", "3:9"], "takes a number of cases"),
         (["--cases", "77"], "cases = 77: must be >= 10000"),
         (["--dry-run"], "separation_speed_m_s >= 0.378 m/s; at most 100000 cases, into"),

@@ -832,6 +832,7 @@ def test_almost_the_name_of_a_shipped_campaign(sepmc):
         (["--resume"], "--resume needs --out"),
         (["--overwrite"], "--overwrite needs --out"),
         (["--resume", "--overwrite", "--out", "x"], "exclude each other"),
+        (["--keep-columns", "", "--out", "x"], "float32: apply only to rows that keep selects"),
         (["--set", "body.upper.mass_kg"], "must read path=value"),
         (["--set", "=3"], "must read path=value"),
         (["--set", "body.upper.mas_kg=3"], "did you mean 'mass_kg'?"),

@@ -314,7 +314,7 @@ def test_case_numbers_are_links_or_texts(path):
     assert '<span class="case">17</span>' in text
 
 
-@pytest.mark.parametrize("numbers", ["one", "-1", "3;4", ",".join(map(str, range(101)))])
+@pytest.mark.parametrize("numbers", ["", "one", "-1", "3;4", ",".join(map(str, range(101)))])
 def test_numbers_that_are_none(numbers, tmp_path):
     (tmp_path / "cases").mkdir()
     called = CliRunner().invoke(app.main, ["report", str(tmp_path), f"--replays={numbers}"])
