@@ -3,7 +3,7 @@ campaign that their positions stand for."""
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -113,26 +113,18 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     Raises
     ------
     InputError
-        If there is no such number, it is not finite or the same in all cases by definition (see
-        `is_structure`), or its distribution is discrete or a column of a sample table.
+        If there is no such number; or one of those that the key names is not finite or the same in
+        all cases by definition (see `is_structure`), or its distribution is discrete or a column of
+        a sample table.
     """
     (variable,) = design_variables(campaign, {key: ends or (0.0, 1.0)})
+    by_path = {d.parameter.path: d for d in campaign.file.dispersions}
+    for one in variable.parameters:
+        _check(campaign, key, one, by_path.get(one.path))
     parameter = variable.parameters[0]
     nominal = value(campaign.scene, parameter.path) / parameter.factor
-    if is_structure(parameter.path) or not math.isfinite(nominal):
-        raise InputError(
-            f"{key}: cannot have a slider: it must be a finite number that may vary between cases"
-        )
-    by_path = {d.parameter.path: d for d in campaign.file.dispersions}
     dispersion = by_path.get(parameter.path)
-    if dispersion and (dispersion.column or dispersion.distribution == "discrete"):
-        reason = (
-            "its distribution is discrete"
-            if dispersion.weights
-            else "a sample table gives its values"
-        )
-        raise InputError(f"{key}: cannot have a slider: {reason}; change the file")
-    low, high = ends or _ends(parameter, nominal, dispersion)
+    low, high = ends or _ends(variable.parameters, nominal, dispersion)
     has_spread = dispersion and _has_spread(dispersion) and len(variable.parameters) == 1
     return Slider(
         key,
@@ -145,14 +137,33 @@ def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None
     )
 
 
+def _check(
+    campaign: "Campaign", key: str, parameter: Parameter, dispersion: Dispersion | None
+) -> None:
+    """Raise InputError if a parameter that ``key`` names, of this ``dispersion``, cannot have a
+    slider."""
+    name = key if parameter.key == key else f"{key}: {parameter.key}"
+    if is_structure(parameter.path) or not math.isfinite(value(campaign.scene, parameter.path)):
+        raise InputError(
+            f"{name}: cannot have a slider: it must be a finite number that may vary between cases"
+        )
+    if dispersion and not _is_continuous(dispersion):
+        reason = (
+            "its distribution is discrete"
+            if dispersion.weights
+            else "a sample table gives its values"
+        )
+        raise InputError(f"{name}: cannot have a slider: {reason}; change the file")
+
+
 def _ends(
-    parameter: Parameter, nominal: float, dispersion: Dispersion | None
+    parameters: Sequence[Parameter], nominal: float, dispersion: Dispersion | None
 ) -> tuple[float, float]:
     """Return the ends (low, high) of a slider about a nominal value, in the unit of the key.
 
     They lie at a distance of three times half the width of the distribution's `reach`; without a
-    distribution, of a quarter of the nominal value, or of 1 if that is 0. An end that the parameter
-    does not allow is moved toward the nominal value until it is allowed.
+    distribution, of a quarter of the nominal value, or of 1 if that is 0. An end that one of the
+    parameters does not allow is moved toward the nominal value until it is allowed.
     """
     half = _PART * abs(nominal) or 1.0
     if dispersion and dispersion.reach[0] < dispersion.reach[1]:
@@ -160,8 +171,10 @@ def _ends(
     ends = []
     for end in (nominal - half, nominal + half):
         for _ in range(_HALVINGS):
-            field = parameter.field
-            if field is None or allowed(field.type, np.array([end * parameter.factor]))[0]:
+            if all(
+                one.field is None or allowed(one.field.type, np.array([end * one.factor]))[0]
+                for one in parameters
+            ):
                 break
             end = 0.5 * (end + nominal)
         else:

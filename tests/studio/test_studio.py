@@ -263,6 +263,16 @@ def test_distributions_follow_values():
     assert [one.key for one in first_sliders(file, {})] == list(dispersion)[:-1]
 
 
+def test_each_parameter_of_a_wildcard_can_have_a_slider():
+    """Not only the first: a later one may be discrete."""
+    (first, *_, last) = (f"body.{name}.mass_kg" for name in campaign().scene.body)
+    make_slider(campaign(), "body.*.mass_kg")
+    for key in (first, last):
+        file = campaign().with_settings({"dispersion": {key: {"discrete": [400.0, 410.0]}}})
+        with pytest.raises(InputError, match=f"{key}: cannot have a slider: its distribution is"):
+            make_slider(file, "body.*.mass_kg")
+
+
 def test_sliders():
     """Their ends are allowed values about the distribution; any number of the scene has one."""
     file = sepmc.load("table2")
@@ -281,6 +291,8 @@ def test_sliders():
     for key in ("run.cases", "solver.accuracy", "motor.retro.burn_s"):
         with pytest.raises(InputError, match="slider"):
             make_slider(file, key)
+    with pytest.raises(InputError, match=r"motor\.\*\.burn_s: motor\.retro\.burn_s: cannot have"):
+        make_slider(file, "motor.*.burn_s")
     inside = make_slider(file.with_settings({"environment.density_factor": 0.0}), keys[0])
     assert inside.low == 0.0
 
