@@ -54,8 +54,8 @@ class MappedChannel:
     factor : float
         Factor on the values of the channel.
     unit : str
-        Unit of the channel. `read_telemetry` sets it from brackets after the name, whatever it was.
-        If empty it is the one in the file, or, if there is none, that of the column.
+        Unit of the channel. If empty, it is the one in brackets after the name; without brackets
+        the one in the file, or, if there is none, that of the column.
     """
 
     column: str
@@ -205,9 +205,9 @@ def _kind(column: str) -> str:
 
 
 def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
-    """Copy of a mapping whose ``channel`` is the full title in the file, and whose ``unit`` is the
-    one that followed the name in brackets, else empty. Raises FormatError if no channel or several
-    have the name."""
+    """Copy of a mapping whose ``channel`` is the full title in the file, and whose ``unit``, if it
+    is empty, is the one that followed the name in brackets. Raises FormatError if no channel or
+    several have the name."""
     name, unit = mapped.channel, ""
     titles = _titles(name, channels)
     if not titles and (match := _UNIT.fullmatch(name)):
@@ -217,7 +217,7 @@ def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChann
         raise FormatError(f"no channel {shorten(name)}; {nearest(name, list(channels))}")
     if len(titles) > 1:
         raise FormatError(f"several channels {name}: {', '.join(titles[:6])}; give one of these")
-    return replace(mapped, channel=titles[0], unit=unit)
+    return replace(mapped, channel=titles[0], unit=mapped.unit or unit)
 
 
 def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:

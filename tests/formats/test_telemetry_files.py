@@ -118,6 +118,15 @@ def test_columns_of_text_are_gaps(tmp_path):
         read(path, "signal_gain=gyro", time="ts")
 
 
+@pytest.mark.parametrize("channel", ["gyro", "gyro[rad/s]"])
+def test_unit_of_a_mapping(tmp_path, channel):
+    """A unit that a caller gives is the unit of the channel."""
+    pd.DataFrame({"time_s": TIME, "gyro": RATE}).to_csv(tmp_path / "f.csv", index=False)
+    mapped = MappedChannel("upper_omega_y_deg_s", channel, unit="rad/s")
+    channels, _ = read_telemetry(tmp_path / "f.csv", [mapped], COLUMNS)
+    assert_allclose(channels["upper_omega_y_deg_s"][1], np.degrees(RATE))
+
+
 def test_parquet(tmp_path):
     pd.DataFrame({"time_s": TIME, "gyro": RATE}).to_parquet(tmp_path / "f.parquet")
     channels, _ = read(tmp_path / "f.parquet", "signal_gain=gyro")
