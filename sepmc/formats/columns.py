@@ -126,6 +126,7 @@ class Columns:
                     f"columns.{key}: must be the title of a column, or "
                     "{ column = TITLE, scale = NUMBER }"
                 )
+            table.check_numbers(title)
             if title not in table.columns:
                 raise FormatError(
                     f"columns.{key}: no column {shorten(title)}; {nearest(title, table.columns)}"
@@ -151,7 +152,8 @@ class Columns:
         Raises
         ------
         FormatError
-            If two columns have the quantity, or the unit is missing or not one of the quantity.
+            If two columns have the quantity, it is no column of numbers, or the unit is missing or
+            not one of the quantity.
         """
         scale = 1.0
         if name in self.named:
@@ -159,7 +161,7 @@ class Columns:
             unit = unit or split_header(title, quantity.kind)[1]
         else:
             titles = []
-            for each in self.table.columns:
+            for each in (*self.table.columns, *self.table.texts):
                 stem, unit = split_header(each, quantity.kind)
                 if plain(stem) in quantity.names:
                     titles.append((each, unit))
@@ -169,6 +171,7 @@ class Columns:
                 both = " and ".join(each for each, _ in titles[:2])
                 raise FormatError(f"has two columns of {name}: {both}; choose by columns.{name}")
             title, unit = titles[0]
+        self.table.check_numbers(title)
         values = scale * self.table.columns[title]
         if not quantity.kind:
             return values

@@ -117,7 +117,10 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
             known = (*AXES, *COEFFICIENTS, *DERIVATIVES, "lift", "drag")
             raise FormatError(f"columns.{name}: no such coefficient; {nearest(name, known)}")
         values[name] = scale * columns.table.columns[title]
-    left = []
+    for title in columns.table.texts:
+        if coefficient_of(title) not in ("", *columns.named):
+            columns.table.check_numbers(title)
+    left = list(columns.table.texts)
     for title, numbers in columns.table.columns.items():
         if title in used or any(
             plain(split_header(title, q.kind)[0]) in q.names for q in AXES.values()

@@ -45,6 +45,8 @@ class TextTable:
         ``comment``, a comment of the file; ``assumed``, the caller's ``assumed`` names.
     lines : tuple of int
         Line number in the file of each row; empty for a file without lines, such as Parquet.
+    texts : tuple of str
+        Names of the columns of a Parquet file that are not read, as they are no numbers.
     """
 
     columns: dict[str, np.ndarray]
@@ -52,6 +54,12 @@ class TextTable:
     separator: str = ""
     header: str = "line"
     lines: tuple[int, ...] = ()
+    texts: tuple[str, ...] = ()
+
+    def check_numbers(self, name: str) -> None:
+        """Raise FormatError if the column of a name is there, but is no column of numbers."""
+        if name in self.texts:
+            raise FormatError(f"column {shorten(name)}: contains no numbers, as it must")
 
     def where(self, row: int) -> str:
         """Text for messages on where a row (index from 0) is in the file: "line 12", or "row 9,
@@ -104,8 +112,9 @@ def read_table(
     gaps : bool
         True, for logs: cells that are blank or no number become NaN, even if a whole column is, and
         columns of one title are numbered, ``height #1 (m)``. False: such cells and columns, and
-        numbers that are not finite, are rejected. In a Parquet file columns of other types than
-        numbers are always left out, and equal titles always rejected.
+        numbers that are not finite, are rejected. In a Parquet file a column of another type than
+        numbers becomes NaN with ``gaps``; without it, it is one of ``texts``. Equal titles are
+        always rejected there.
     assumed : sequence of str
         Names of the columns of a text file that has no header and as many columns.
 
@@ -356,9 +365,13 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
     if not table.num_rows:
         raise FormatError("has no rows")
     _check_names(table.column_names)
-    columns = {}
+    columns, texts = {}, []
     for name, column in zip(table.column_names, table.columns, strict=True):
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+            if gaps:
+                columns[name] = np.full(len(column), np.nan)
+            else:
+                texts.append(name)
             continue
         values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
         if not (gaps or np.isfinite(values).all()):
@@ -366,4 +379,4 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
             where = TextTable({}).where(row)
             raise FormatError(f"{where}: column {shorten(name)} is no finite number")
         columns[name] = values
-    return TextTable(columns, (), "Parquet")
+    return TextTable(columns, (), "Parquet", texts=tuple(texts))

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from sepmc.formats.columns import split_header
+from sepmc.formats.decks import read_deck
 from sepmc.formats.text_table import FormatError, parse_table, read_table
 
 ROWS = {
@@ -93,13 +94,35 @@ def test_parquet(tmp_path):
     file = tmp_path / "a.parquet"
     pq.write_table(pa.table({"time_s": [0.0, 1.0], "note": ["a", "b"], "n": [1, 2]}), file)
     table = read_table(file)
-    assert list(table.columns) == ["time_s", "n"]
+    assert (list(table.columns), table.texts) == (["time_s", "n"], ("note",))
     pq.write_table(pa.table({"time_s": [0.0, np.nan]}), file)
     with pytest.raises(FormatError, match="row 1, counted from 0: column 'time_s'"):
         read_table(file)
     file.write_bytes(b"PAR1 no such thing")
     with pytest.raises(FormatError, match="cannot be read as Parquet"):
         read_table(file)
+
+
+@pytest.mark.parametrize(
+    ("texts", "options", "reason"),
+    [
+        (["note"], {}, ""),
+        (["mach"], {}, "column 'mach': contains no numbers, as it must"),
+        (["CN"], {}, "column 'CN': contains no numbers"),
+        (["note"], {"columns": {"normal": "note"}}, "column 'note': contains no numbers"),
+    ],
+)
+def test_a_text_column_of_parquet(tmp_path, texts, options, reason):
+    """Is allowed beside the columns that are needed, and an error in place of one."""
+    columns = {"mach": [0.5, 0.9], "CA": [1.0, 2.0], "CN": [3.0, 4.0]}
+    columns |= {name: ["a", "b"] for name in texts}
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+    if reason:
+        with pytest.raises(FormatError, match=reason):
+            read_deck(tmp_path / "a.parquet", options)
+        return
+    tree, understood = read_deck(tmp_path / "a.parquet", options)
+    assert (tree["axial"], understood[-1]) == ([1.0, 2.0], "not read: note")
 
 
 def test_files_that_are_none(tmp_path):

@@ -130,6 +130,11 @@ def test_unit_of_a_mapping(tmp_path, channel):
 def test_parquet(tmp_path):
     pd.DataFrame({"time_s": TIME, "gyro": RATE}).to_parquet(tmp_path / "f.parquet")
     channels, _ = read(tmp_path / "f.parquet", "signal_gain=gyro")
+    table = pd.DataFrame({"time_s": TIME, "gyro": len(TIME) * ["a"], "speed": RATE})
+    table.to_parquet(tmp_path / "texts.parquet")
+    with pytest.raises(FormatError, match="channel gyro: has 0 samples that are numbers"):
+        read(tmp_path / "texts.parquet", "signal_gain=gyro")
+    read(tmp_path / "texts.parquet", "signal_gain=speed")
     assert_allclose(channels["signal_gain"][1], RATE)
 
 
