@@ -140,13 +140,13 @@ class RequirementCounter:
 
     def add_any(
         self, numbers: np.ndarray, counted: Sequence[tuple[np.ndarray, np.ndarray]]
-    ) -> None:
-        """Count cases for a requirement on `VIOLATION`: ``numbers`` (n,) are their case numbers,
-        ``counted`` the masks (violates, unknown) that `add` returned for each other
-        requirement."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Count cases for a requirement on `VIOLATION`, and return their masks as `add` does:
+        ``numbers`` (n,) are their case numbers, ``counted`` the masks (violates, unknown) that
+        `add` returned for each other requirement."""
         self.cases += len(numbers)
         known, unknown = (np.any([masks[k] for masks in counted], axis=0) for k in (0, 1))
-        self._count(numbers, known, unknown & ~known)
+        return self._count(numbers, known, unknown & ~known)
 
     def _count(
         self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray
@@ -275,21 +275,20 @@ def violation_masks(
     Returns
     -------
     violates, known : ndarray, shape (n_cases,), bool
-        ``violates`` has a meaning only where ``known`` is True: a case that did not finish may have
-        a value beyond the bound. For a status all cases are known: unlike in `RequirementCounter`,
-        one that ended with another status does not violate.
+        As `RequirementCounter` counts them: cases that certainly violate, and all but the unknown
+        ones; a case that violates is known.
     """
+    counter, statuses = RequirementCounter(requirement), np.asarray(cases["status"], dtype=object)
+    numbers = np.arange(len(statuses))
     if requirement.metric == VIOLATION:
         masks = [violation_masks(item, cases) for item in others if item.metric != VIOLATION]
-        ok = ok_rows(cases)  # the outcome of a failed case counts only where it violates
-        masks = [(violates_one, mask & (ok | violates_one)) for violates_one, mask in masks]
-        violates = np.any([violates_one & mask for violates_one, mask in masks], axis=0)
-        return violates, violates | np.all([mask for _, mask in masks], axis=0)
-    statuses = np.asarray(cases["status"], dtype=object)
-    if requirement.metric in cases:
-        margin = margins(column(cases, requirement.metric), requirement)
-        return margin < 0.0, ok_rows(cases) & ~np.isnan(margin)
-    return statuses == requirement.metric, np.ones(len(statuses), dtype=bool)
+        violates, unknown = counter.add_any(numbers, [(each, ~known) for each, known in masks])
+    else:
+        values = column(cases, requirement.metric) if requirement.metric in cases else None
+        violates, unknown = counter.add(
+            numbers, ok_rows(cases), values, statuses == requirement.metric
+        )
+    return violates, ~unknown
 
 
 @dataclass(frozen=True)

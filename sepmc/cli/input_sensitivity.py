@@ -124,7 +124,11 @@ def analyse(
         violates, known = failure_attribution.violation_masks(item, rows, required)
         if count := int((violates & known).sum()):
             unknown = rows.rows - int(known.sum())
-            why = "are not known to" if item.metric == VIOLATION else "have no such outcome"
+            why = "have no such outcome"
+            if item.metric in run.summary.counts:
+                why = "ended with another status than ok"
+            elif item.metric == VIOLATION:
+                why = "are not known to"
             others = f" ({unknown} others {why})" if unknown else ""
             failures[item.name] = f"{item.name}, {count} of {known.sum()} cases{others}"
         if item.metric in table.index:

@@ -311,6 +311,27 @@ def together(gap, speed, statuses, errors, required=(ALL, CLEAR, FAST, PARTS)):
     return result[0], table
 
 
+def test_masks_are_those_that_verdicts_count():
+    """Also for a requirement on a status: a case that ended with another one is not known to have
+    met it."""
+    statuses = ["ok"] * 96 + ["jammed", "never-released", "jammed", "unresolved"]
+    gap = np.full(100, 9.0)
+    gap[[5, 96]], gap[7] = 4.0, math.nan  # of 96 it does not count, as it did not finish
+    items = [CLEAR, PARTS, ALL]
+    table = {"case": np.arange(100), "status": np.array(statuses, dtype=object), "gap_mm": gap}
+    rows = TableStatistics(table, ["gap_mm"], [], {}, items)
+    for item, verdict in zip(items, rows.verdicts({}, rows.audit(), "random"), strict=True):
+        violates, known = requirements.violation_masks(item, table, items)
+        assert not (violates & ~known).any()
+        assert (verdict.violations, verdict.missing) == (
+            np.count_nonzero(violates | ~known),
+            np.count_nonzero(~known),
+        )
+    violates, known = requirements.violation_masks(PARTS, table)
+    assert np.flatnonzero(violates).tolist() == [97]
+    assert np.flatnonzero(~known).tolist() == [96, 98, 99]
+
+
 def test_all_requirements_together():
     """A case that violates several counts once; one of which nothing is known counts as it does for
     each; what is in doubt for one may leave no verdict on all."""
