@@ -260,7 +260,7 @@ def test_from_the_command_line(file, tmp_path):
     assert called.exit_code == 1, called.output
     assert "PASS        apart: separation_speed_m_s >= 0.1 m/s in 80 %" in called.stdout
     assert "FAIL        level" in called.stdout
-    assert "error: the cases do not show every requirement" in called.stderr
+    assert "error: not every requirement has the verdict pass" in called.stderr
     again = CliRunner().invoke(app.main, ["stats", str(tmp_path / "r")])
     assert again.exit_code == 0
     assert CliRunner().invoke(app.main, ["stats", str(tmp_path / "r"), "--check"]).exit_code == 1
