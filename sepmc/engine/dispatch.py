@@ -106,8 +106,6 @@ class Block:
         Status of each case; below 0 if the kernel rejected it.
     times : ndarray, shape (n, rows)
         Times of the history rows, s.
-    phases : ndarray, shape (n, rows)
-        Zeros: a separation history does not record the phase.
     history : ndarray, shape (n, rows, columns)
         Separation speed and distance of each joint (`sepmc.schema.separation_columns`), SI units.
     rows : ndarray, shape (n,)
@@ -122,7 +120,6 @@ class Block:
     outcomes: np.ndarray
     status: np.ndarray
     times: np.ndarray
-    phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
     indicators: np.ndarray | None = None
@@ -211,10 +208,9 @@ def integrate_cases(
         ends, history, status, methods,
     )  # fmt: skip
     rows = np.broadcast_to(np.arange(n_rows) * layout.scene.run.history_step, (n, n_rows))
-    phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, n_rows))
     valid = np.where(status > Status.NEVER_RELEASED, 0, n_rows)
     block = Block(
-        outcomes[: len(columns)].T, status, rows, phases, history, valid, outcomes[len(columns) :].T
+        outcomes[: len(columns)].T, status, rows, history, valid, outcomes[len(columns) :].T
     )
     return block, ends
 

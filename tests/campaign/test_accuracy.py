@@ -76,7 +76,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
     usual = Integration(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     result = np.array([[0.4], [0.6], [NAN]])
-    block = Block(result, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
+    block = Block(result, *np.zeros((4, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_calibrated(usual, block), [True, False, True])
 
 

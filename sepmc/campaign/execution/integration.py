@@ -582,7 +582,6 @@ def _rows_of(block: Block, numbers: np.ndarray) -> Block:
         block.outcomes[numbers],
         block.status[numbers],
         block.times[numbers],
-        block.phases[numbers],
         block.history[numbers],
         block.rows[numbers],
         indicators,

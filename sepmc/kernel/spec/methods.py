@@ -1,7 +1,7 @@
 """Explicit Runge-Kutta methods as data. Each checks itself when it is made: row sums of the stage
 matrix, order conditions of quadrature, error weights, and the end of the continuous extension."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -26,8 +26,7 @@ class Method:
     much larger than the error, but it varies from case to case as the error does.
 
     ``within`` has the indices of some stages at times inside the step, in the order of time, whose
-    states are among the most accurate. ``checked`` is True: the coefficients of every method are
-    checked when it is made.
+    states are among the most accurate. The coefficients are checked when a method is made.
     """
 
     name: str
@@ -39,7 +38,6 @@ class Method:
     dense_order: int
     error_weights: np.ndarray
     within: tuple[int, ...] = ()
-    checked: bool = field(init=False, default=True)
 
     def __post_init__(self):
         if not np.allclose(
