@@ -82,8 +82,8 @@ OF_NOTES = {
     r"trial chains|replicas disagree|descend from": "give more cases: `--cases 1e6`",
     r"chains hardly move": "give more cases, or look for jumps of the margin: an outcome that "
     "changes by steps",
-    r"did not reach their end": "look at the cases without a result by `status` in `rare.parquet`; "
-    "the interval with unknown cases includes them",
+    r"did not end with status ok": "look at the cases without a result by `status` in "
+    "`rare.parquet`; the interval with unknown cases includes them",
     r"the audit failed": "shorten `solver.step_s`, or remove it",
     r"this is not rare": "run a plain campaign, without `--rare`",
     r"nearer to the bound than|two levels lie about as near": "give a smaller `solver.accuracy`",

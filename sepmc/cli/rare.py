@@ -92,7 +92,7 @@ def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
             manifests.record_derived(folder, [rare_figure(estimate, folder, keys, title)])
         log(f"wrote {folder}")
     return first_fault(
-        (not estimate.statuses.get("ok"), FAILED, "no case reached its end"),
+        (not estimate.statuses.get("ok"), FAILED, "no case ended with status ok"),
         (manifest["audit_beyond"], INVALID, "the audit failed; shorten solver.step_s"),
         (not accuracy.get("met", True), INVALID, ACCURACY_FAULT),
     )

@@ -96,7 +96,7 @@ def exit_code(run: "RunStatistics", must_pass: bool) -> int:
         (
             not run.summary.counts.get(Status.OK.label, 0),
             FAILED,
-            "no case reached its end; see the column status",
+            "no case ended with status ok; see the column status",
         ),
         (
             (run.audit["beyond"] > 0).any(),

@@ -329,7 +329,7 @@ def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     stopped = campaign.run(cases=50, seed=7, out=tmp_path / "run", max_failures=2)
     assert stopped.stopped
     assert 2 < stopped.status_counts["never-released"] < failed
-    assert any("did not reach their end, and no more than 2 may" in n for n in stopped.notes)
+    assert any("did not end with status ok, and no more than 2 may" in n for n in stopped.notes)
     manifest = manifests.read_manifest(tmp_path / "run")
     assert not manifest["complete"]
     assert manifest["n_stored"] == len(stopped.to_pandas()) < 50
@@ -344,5 +344,5 @@ def test_fail_fast(tmp_path):
     options = ["table2", "--cases", 300, "--seed", 7, "--no-plots", "--set", "run.end_time_s=0.26"]
     done = call("campaign", *options, "--out", tmp_path / "run", "--fail-fast")
     assert done.exit_code == 1
-    assert "did not reach their end, and none may" in done.stderr
+    assert "did not end with status ok, and none may" in done.stderr
     assert "not complete" in call("stats", tmp_path / "run").stderr

@@ -76,7 +76,9 @@ def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]
     if max_failures is None or count <= max_failures:
         return []
     allowed = f"no more than {max_failures} may fail" if max_failures else "none may fail"
-    return [f"stopped after {n_run} cases: {count} of them did not reach their end, and {allowed}"]
+    return [
+        f"stopped after {n_run} cases: {count} of them did not end with status ok, and {allowed}"
+    ]
 
 
 def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:

@@ -410,7 +410,7 @@ def _notes(
         )
         unknown = float(of_all.unknown.mean())
         notes.append(
-            f"{evaluator.count - ended} of {evaluator.count} cases did not reach their end"
+            f"{evaluator.count - ended} of {evaluator.count} cases did not end with status ok"
             f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; the probability of a case "
             f"of this kind is {format_proportion(unknown)}"
