@@ -615,8 +615,8 @@ def history_columns(contents: Contents) -> list[Column]:
             )
     for joint, pins in contents.pins.items():
         for pin in range(1, pins + 1):
-            for end in ("mouth", "tip"):
-                meaning = f"lateral load of pin {pin} of {joint} at its {end}, while it may slide"
+            for end, place in (("mouth", "the hole entry"), ("tip", "its tip")):
+                meaning = f"lateral load of pin {pin} of {joint} at {place}, while it may slide"
                 columns.append(Column(f"{joint}_pin{pin}_{end}_load_N", "N", meaning))
     for signal in contents.signals:
         meaning = f"signal {signal}, in the unit of the keys that name it"

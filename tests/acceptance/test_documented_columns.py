@@ -77,3 +77,11 @@ def test_every_module_is_described(tables):
     rows = [line for line in tables.modules().splitlines() if line.startswith("| `")]
     assert len(rows) > 150
     assert [row for row in rows if not row.rstrip(" |").split("|")[-1].strip()] == []
+
+
+def test_pin_loads_are_at_hole_entry_and_tip(tables):
+    """As in CONVENTIONS.md; the name of the column is older."""
+    meanings = {column.name: column.meaning for column in history_columns(tables.EVERY)}
+    ends = [meanings[name] for name in meanings if name.endswith("_pin1_mouth_load_N")]
+    assert ends
+    assert all("at the hole entry, while" in meaning for meaning in ends)
