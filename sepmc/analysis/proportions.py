@@ -112,13 +112,14 @@ def _newcombe_interval(
 
 
 def upper_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
-    """Return the one-sided upper confidence bound of a probability with k successes in n trials (at
-    k = 0 it is 1 - (1 - confidence)^(1 / n))."""
+    """Return the one-sided upper confidence bound (Clopper and Pearson) of a probability with k
+    successes in n trials: 1 - (1 - confidence)^(1 / n) at k = 0, 1 at k = n."""
     return _upper(k, n, 1.0 - confidence)
 
 
 def lower_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
-    """Return the one-sided lower confidence bound of a probability with k successes in n trials."""
+    """Return the one-sided lower confidence bound (Clopper and Pearson) of a probability with k
+    successes in n trials; 0 at k = 0."""
     return _lower(k, n, 1.0 - confidence)
 
 

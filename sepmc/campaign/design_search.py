@@ -193,7 +193,8 @@ class DesignSearch:
             values = designs[np.argmin(finite)]
             design = {one.key: value for one, value in zip(self.variables, values, strict=True)}
             raise InputError(
-                f"minimise: has no value at {design_text(design)}; avoid it by where(...)"
+                f"minimise: has no value at {design_text(design)}; give it one there: "
+                "where(condition, a, b)"
             )
         return costs
 

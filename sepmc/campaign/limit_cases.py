@@ -176,8 +176,8 @@ class _LimitSearch:
 
     @cached_property
     def single(self) -> np.ndarray:
-        """Levels (n, d), as in this class, of the n cases in which one varied input is at one of
-        its `ends` and all other inputs are at level 0, nominal."""
+        """Levels (n, d) of the n cases in which one varied input is at one of the levels `ends`
+        (low, high and, for a wide angle, seven between) and all other inputs are at 0, nominal."""
         rows = [self._changed(self.nominal, k, to) for k in self.varied for to in self.ends(k)]
         return np.array(rows)
 

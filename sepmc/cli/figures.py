@@ -144,8 +144,8 @@ def draw_figures(
 
 
 def clearance_bounds(campaign: "Campaign") -> dict[str, list[float]]:
-    """Return the required bounds by outcome; for a requirement on recontact, the bound 0 of the
-    clearance in mm is added. For figures of clearances over time."""
+    """Return, by outcome, the list of all its required bounds; for a requirement on recontact, the
+    bound 0 of the clearance in mm is added. For figures of clearances over time."""
     from sepmc.analysis.requirements import required_bounds
 
     bounds = required_bounds(campaign.file.requirements)

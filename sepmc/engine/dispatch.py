@@ -61,8 +61,9 @@ class RefinementSummary:
     ----------
     error : ndarray, shape (o,)
         Largest relative error of each outcome over the cases that were integrated with smaller
-        steps; of the leading outcomes of `sepmc.campaign.execution.error_estimate`, over the other
-        cases, too. Here o is the number of outcomes, without audit columns.
+        steps; of the outcomes that can have the largest error of a case (`Estimate.leading` of
+        `sepmc.campaign.execution.error_estimate`), over the other cases, too. Here o is the number
+        of outcomes, without audit columns.
     n_refined : int
         Number of cases integrated again with smaller steps.
     n_fallback : int

@@ -166,8 +166,10 @@ def _turn_signs(
     """Multiply the ``scale`` of ``columns``, in place, by the signs that the file states, and
     return sentences on the signs that are turned or not stated.
 
-    ``coefficients`` are variable and scale of the campaign by coefficient; ``convention`` is that
-    of the campaign: with "datcom" the side force is turned later."""
+    ``coefficients`` are variable and scale of the campaign by coefficient. ``convention`` is that
+    of the campaign: with "datcom" the side force is turned later, so one whose sign the file states
+    is made positive to the right here; any other is taken as such. Raises FormatError as
+    `sign_of`."""
     turned, assumed = [], []
     for key, (variable, scale) in coefficients.items():
         if key not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):

@@ -377,6 +377,6 @@ def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:
         if not (gaps or np.isfinite(values).all()):
             row = int(np.argmin(np.isfinite(values)))
             where = TextTable({}).where(row)
-            raise FormatError(f"{where}: column {shorten(name)} is no finite number")
+            raise FormatError(f"{where}: column {shorten(name)} has no finite number")
         columns[name] = values
     return TextTable(columns, (), "Parquet", texts=tuple(texts))

@@ -31,7 +31,9 @@ def case_points(
     outcomes, inputs : sequence of str
         Columns to include.
     units : mapping of column to unit
-    bounds : mapping of outcome to required bounds
+    bounds : mapping of outcome to sequence of float
+        All lower and upper bounds that requirements set on it, in its unit
+        (`sepmc.analysis.requirements.required_bounds`).
 
     Returns
     -------
@@ -39,7 +41,7 @@ def case_points(
         ``total``, number of ok cases; ``cases``, the numbers of the m cases drawn as dots: those
         with the extremes of the outcomes, and others spaced evenly over the table; ``columns``, a
         dict per column: its ``name``, ``words`` for it, ``unit``, ``kind`` (``outcome`` or
-        ``input``), required ``bounds``, ``values`` of the m cases (None if not finite), and
+        ``input``), list of required ``bounds``, ``values`` of the m cases (None if not finite), and
         ``counts`` of all ok cases in 480 equal bins from ``low`` to ``high``. Columns without two
         different values are left out.
     """

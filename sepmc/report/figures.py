@@ -124,8 +124,8 @@ def histogram_figures(
         Reference values, marked in the histograms, in the outcome's unit.
     source : str
         Name of the reference in legends.
-    required : mapping of outcome to bounds, optional
-        Required bounds, marked in the histograms.
+    required : mapping of outcome to sequence of float, optional
+        All required lower and upper bounds, marked in the histograms.
     alone : bool
         True to draw each histogram also in a file of its own, ``hist_<outcome>`` + suffix.
 

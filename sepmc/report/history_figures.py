@@ -58,7 +58,7 @@ class Panel(NamedTuple):
     quantity : str
         Panels of a figure with the same quantity share a scale; empty: none shared.
     required : sequence of float
-        Required bounds, drawn as horizontal lines.
+        Required lower and upper bounds, drawn as horizontal lines.
     """
 
     label: str
@@ -109,8 +109,8 @@ def run_figures(
         History of the nominal case, drawn behind in pale lines.
     only : collection of str, optional
         Names, without suffix, of the only files to draw; all if None.
-    required : mapping of outcome to bounds, optional
-        Required bounds; only those of columns ``{c}_clearance_mm`` are marked.
+    required : mapping of outcome to sequence of float, optional
+        All required lower and upper bounds; only those of columns ``{c}_clearance_mm`` are marked.
     marks : mapping of name to time in s, optional
         Times of releases and events.
 

@@ -203,7 +203,9 @@ def _operator(tree: ast.expr, depth: int, inner: Callable[..., tuple[Node, ...]]
         values = inner(tree.left, *tree.comparators)
         pairs = zip(tree.ops, values, values[1:], strict=False)
         return _joined("and", tuple(_call(_OPERATORS[type(op)], (a, b)) for op, a, b in pairs))
-    raise FormulaError("must consist of numbers, names, + - * / **, < <= > >= and functions")
+    raise FormulaError(
+        "must consist of numbers, names, + - * / **, < <= > >=, and, or, not and functions"
+    )
 
 
 def _number(value: object) -> Number:
@@ -227,7 +229,9 @@ def _path(tree: ast.expr) -> str:
         parts.insert(0, tree.attr)
         tree = tree.value
     if not isinstance(tree, ast.Name):
-        raise FormulaError("must consist of numbers, names, + - * / **, < <= > >= and functions")
+        raise FormulaError(
+            "must consist of numbers, names, + - * / **, < <= > >=, and, or, not and functions"
+        )
     return ".".join([tree.id, *parts]).replace(_MARK, "")
 
 

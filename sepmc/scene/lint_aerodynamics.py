@@ -146,8 +146,8 @@ def _reversed(key_path: str, aero: Aerodynamics) -> Iterator[str]:
 
 
 def _values_at_zero(aero: Aerodynamics, coefficient: str) -> Array:
-    """Values (n,) of the table of a coefficient, at all Mach numbers and the row of each angle next
-    to zero; one value 0 without a table."""
+    """Values (n,) of the table of a coefficient, at all Mach numbers and, of each angle, the row
+    nearest to zero; one value 0 without a table."""
     table = aero.table
     grid = getattr(table, coefficient) if table is not None else []
     if not grid:

@@ -51,8 +51,8 @@ class Estimate:
     is_decisive: np.ndarray
 
     def of_cases(self, indicators: np.ndarray) -> np.ndarray:
-        """Error of each case (n,): the largest one of its leading outcomes, from the indicators
-        (n, g) of n cases.
+        """Error of each case (n,): the largest one of the outcomes in `leading`, from the
+        indicators (n, g) of n cases.
 
         Sums are made term by term, so that a case has the same bits in any batch.
         """
@@ -62,8 +62,8 @@ class Estimate:
         return errors
 
     def of_leading(self, indicators: np.ndarray) -> np.ndarray:
-        """Error (o,) of each leading outcome, the largest over n cases with indicators (n, g); 0
-        for the outcomes that are not leading."""
+        """Error (o,) of each outcome in `leading`, those that can have the largest error of a case:
+        the largest error over n cases with indicators (n, g). It is 0 for all other outcomes."""
         errors = np.zeros(len(self.floor))
         terms = _terms(indicators, self.size)
         for k in self.leading:
@@ -85,8 +85,8 @@ class Estimate:
         Returns
         -------
         ndarray, shape (o,)
-            ``leading`` for the leading outcomes; for the others the error at the largest
-            indicators, but for a decisive outcome no more than the largest error of a leading one.
+            ``leading`` for the outcomes in `Estimate.leading`; for the others the error at the
+            largest indicators, but for a decisive outcome no more than the largest of ``leading``.
             The bits do not depend on how cases are grouped.
         """
         if not len(largest):

@@ -100,7 +100,8 @@ class Integration:
     estimate : Estimate
         Model of the error of a case within these limits.
     error_limit : float
-        Estimated error above which a case is integrated again with smaller steps.
+        Estimated error above which a case is integrated again with smaller steps; infinite if the
+        file gives the step.
     error : float
         Largest relative error of the calibration cases, without times and positions of extremes.
     achieved : AchievedAccuracy
@@ -227,7 +228,8 @@ def integrate(
 
     Cases are integrated again with smaller steps, each by itself, if they lie outside the
     calibration, have too large an estimated error, or end with a status that smaller steps may
-    change. Those that the kernel still rejects are tried with the fallback kernels. Cases that all
+    change. If the file gives the step, only the first are, to measure their errors, and keep their
+    results. Cases that the kernel still rejects are tried with the fallback kernels. Cases that all
     kernels reject get a final status and NaN outcomes; their audit columns stay.
 
     Parameters

@@ -87,8 +87,9 @@ class Conditions:
         return len(self.leaves) - 1
 
     def _clauses(self, until: Condition, path: str) -> list[list[int]]:
-        """Return the clauses of the condition ``until``, each a list of leaf numbers; its leaves
-        are appended to ``leaves``. ``path`` is the parameter path of the condition."""
+        """Return the clauses of the condition ``until``, each a list of leaf numbers; it is met
+        when all leaves of at least one clause are. Its leaves are appended to ``leaves``; ``path``
+        is its parameter path."""
         clauses = []
         if until.time is not None:
             clauses.append([self._leaf(at.AT_TIME, "", f"{path}.time")])

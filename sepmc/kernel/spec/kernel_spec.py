@@ -50,8 +50,8 @@ class Event:
 
     ``quantity`` is the code of the quantity (AT_STROKE, ... of `sepmc.routines.layout`), ``item``
     the joint, spring, body, kink (`sepmc.kernel.spec.kinks`) or cell field
-    (`sepmc.kernel.spec.step_cells`) that has it. ``threshold`` is the parameter index of the
-    threshold; of an end of a table cell the axis (0 to 2); -1 without.
+    (`sepmc.kernel.spec.step_cells`) that has it. ``threshold`` is the index of the threshold
+    in the parameter vector; of an end of a table cell the axis (0 to 2); -1 without.
 
     ``ends_phase`` is True if the event ends its phase by itself. Else ``number`` is that of a
     condition in clauses (`Segment.clauses`, `Release.clauses`): with ``any_phase`` in those of a

@@ -1,5 +1,9 @@
 """Derivation of the kernel specification of a scene: its segments of time and, in each, the kinds
-(sets of constraint rows) that joints may have, rigid groups, events and redundant rows."""
+(sets of constraint rows) that joints may have, rigid groups, events and redundant rows.
+
+In every function ``dispersed`` has the paths of the dispersed parameters: what their values may
+cause in some case is included, also if the nominal case is without it.
+"""
 
 import itertools
 import math
@@ -450,8 +454,9 @@ def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Releas
 
 
 def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
-    """Yield each leaf of the conditions of a scene whose threshold is a parameter, and the index of
-    that parameter."""
+    """Yield each leaf of the conditions of a scene that has a threshold, dispersed or not, and the
+    index of the threshold in the parameter vector. A burn-out and the end of a spring's stroke have
+    none."""
     first = int(layout.model.scene[0].leaves_p)
     for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:

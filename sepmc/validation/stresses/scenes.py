@@ -23,8 +23,8 @@ def body(
     products: list[float] | None = None,
     **other_tables: Any,
 ) -> Tree:
-    """Table of a body: mass, kg, moments and products of inertia, kg m2, mass centre as a layout
-    point, m; ``other_tables`` as in a file."""
+    """Table of a body: mass, kg, moments and products of inertia, kg m2 (None: no products), mass
+    centre as a layout point, m; ``other_tables`` has further keys, as in a file."""
     return {
         "mass_kg": mass,
         "inertia_kg_m2": inertia,
