@@ -108,8 +108,9 @@ def filter_outcomes(columns: Mapping[str, str], terms: Sequence[str]) -> list[st
 def _meets(
     rows: Mapping[str, np.ndarray], columns: Mapping[str, str], term: str, text: str
 ) -> np.ndarray:
-    """Return the mask (n,) of cases that satisfy the comparison ``term``; ``text`` is the whole
-    term that it is an alternative of, for messages."""
+    """Return the mask (n,) of cases that satisfy the comparison ``term`` in at least one of the
+    columns that its name matches; ``text`` is the whole term that it is an alternative of, for
+    messages. Raises InputError as `_read`."""
     names, test, number = _read(columns, term, text)
     return np.any([_TESTS[test](column(rows, name), number) for name in names], axis=0)
 

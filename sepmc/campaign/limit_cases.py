@@ -251,7 +251,8 @@ class _LimitSearch:
         """Search for the combination of levels that is worst for a requirement, the one with the
         lowest score of `judge`; return its levels (d,). A case without a result is the worst of
         all, or, if ``with_value``, the best. Not all combinations are tried: the search starts from
-        the nominal case and some random corners, and changes one input at a time."""
+        the nominal case, the worst levels of the single inputs together, and some random corners,
+        and changes one input at a time. An input ``fails`` of a joint stays nominal."""
 
         def score(levels: np.ndarray) -> np.ndarray:
             scores = self.judge(item, *self.run(levels))[2]

@@ -329,8 +329,8 @@ def _collected_warnings() -> Iterator[list[str]]:
 
 def _by_library(path: Path, kind: str, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
     """Read all channels of a file by a library, by title, and the library's warnings; ``kind`` is
-    the ending of the file's format, such as ".mat". Raises FormatError for any error of the
-    library."""
+    the ending of the file's format, such as ".mat", ``time`` the title of the time, as for
+    `_time_title`. Raises FormatError for any error of the library."""
     readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
     readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
     readers |= dict.fromkeys((".h5", ".hdf5"), _of_hdf5)
@@ -385,7 +385,7 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
 
 def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of a MATLAB file of a version up to 7.2: its vectors and those in its
-    structs (`_of_structs`)."""
+    structs, with ``time`` as for `_of_structs`."""
     from scipy.io import loadmat  # noqa: PLC0415
 
     content = loadmat(path, simplify_cells=True)
@@ -394,7 +394,7 @@ def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
 
 def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of an HDF5 file, which MATLAB 7.3 writes too: its vectors and those in its
-    groups (`_of_structs`).
+    groups, with ``time`` as for `_of_structs`.
 
     Links are not followed, and data stored in other files are not read. Raises FormatError if there
     are too many names or numbers.
@@ -433,7 +433,9 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
 
 def _of_structs(content: Mapping[str, Any], time: str | None) -> dict[str, _Raw]:
     """Channels from the vectors of nested structs, by dotted title; a vector is a channel if its
-    struct has a vector of time of the same length. Raises FormatError if there are none."""
+    struct has a vector of time of the same length. That is the one called ``time`` (of a dotted
+    name, its last part) or, if that is None, "time", "t" or the like. Raises FormatError if there
+    are no channels."""
     channels: dict[str, _Raw] = {}
     _add_vectors(channels, content, "", time, 0)
     if not channels:

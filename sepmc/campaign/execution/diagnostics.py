@@ -100,7 +100,8 @@ def sampling_notes(
     """Yield notes on how the cases of a run were sampled or selected, where confidence intervals
     and verdicts therefore are not valid, too wide or too narrow.
 
-    ``numbers`` are the cases of the run, ``total`` is the size of the sample that they belong to.
+    ``numbers`` are the cases of the run; ``total`` is the size of the sample that they belong to.
+    Without it, no note says that they are only a part of a design.
     """
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:

@@ -277,8 +277,9 @@ def _refined_case_by_case(
     remaining_kernels: tuple[FallbackKernel, ...],
     size: CalibrationSize,
 ) -> Integration:
-    """Integration in which the steps of every case are refined by themselves, for a campaign
-    without common steps that suit most cases; its accuracy is that of calibration cases."""
+    """Integration in which the steps of every case are refined by themselves (if the file gives the
+    step, only to measure its error), for a campaign without common steps that suit most cases. Its
+    accuracy is that of ``size`` calibration cases; ``remaining_kernels`` are its fallbacks."""
     draws, given_step = (
         np.vstack(
             [
