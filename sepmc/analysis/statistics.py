@@ -315,7 +315,8 @@ class AuditSummary:
     it, its ``bound`` (NaN: none), and the number of cases ``beyond`` the bound.
 
     The worst value is the largest, or the smallest of a column whose name begins with ``smallest``;
-    NaN is worse than any number and beyond any bound.
+    NaN is worse than any number and beyond any bound; without a bound ``beyond`` is 0. Without
+    cases ``worst`` is NaN and ``case`` -1.
     """
 
     def __init__(self, name: str, bounds: Mapping[str, float]):
@@ -371,9 +372,10 @@ def audit(
     Returns
     -------
     DataFrame, one row for each audit column in the case table
-        ``worst`` (the largest value; of ``smallest_pivot`` the smallest), ``case`` (number of the
-        first case that has it), ``bound`` (NaN: none), ``beyond`` (number of ok cases whose value
-        is above the bound or NaN).
+        Indexed by name of the column: ``worst`` (the largest value, of ``smallest_pivot`` the
+        smallest; NaN if any value is NaN), ``case`` (number of the first case that has it),
+        ``bound`` (NaN: none), ``beyond`` (number of ok cases whose value is above the bound or NaN;
+        0 without a bound). Without ok cases ``worst`` is NaN and ``case`` -1.
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]

@@ -198,8 +198,9 @@ class _GlobalMove:
 
     @classmethod
     def of(cls, scores: np.ndarray, weights: np.ndarray) -> "_GlobalMove":
-        """Fit the distribution to the mean and covariance of particles with ``scores`` (n, d) and
-        ``weights`` (n,); the fewer are effective, the more correlations are reduced towards 0."""
+        """Fit the distribution to particles with ``scores`` (n, d) and ``weights`` (n,), which add
+        up to 1: its mean is theirs, and its scale matrix is their covariance. The fewer are
+        effective, the more correlations are reduced towards 0."""
         mean = weights @ scores
         offsets = scores - mean
         covariance = (weights[:, None] * offsets).T @ offsets
@@ -230,7 +231,8 @@ class _GlobalMove:
         return np.asarray(half * (np.log1p(new / _FREEDOM) - np.log1p(distance / _FREEDOM)))
 
     def _distance(self, scores: np.ndarray) -> np.ndarray:
-        """Return the squared Mahalanobis distances (n,) of scores (n, d) from the mean."""
+        """Return the squared Mahalanobis distances (n,) of scores (n, d) from the mean, by the
+        scale matrix."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415
 
         offsets = solve_triangular(self.factor, (scores - self.mean).T, lower=True)
@@ -266,8 +268,8 @@ def _increment(logs: np.ndarray, most: float) -> float:
 
 
 def _resample(weights: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Return indices (n,) of particles, each as often as its weight in ``weights`` (n,) requires
-    (systematic resampling)."""
+    """Return indices (n,) of particles, each as often as its weight in ``weights`` (n,), which add
+    up to 1, requires (systematic resampling)."""
     points = (np.arange(len(weights)) + random.random()) / len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), points), len(weights) - 1)
 
@@ -285,8 +287,8 @@ def _effective(before: np.ndarray, weights: np.ndarray, correlations: np.ndarray
     """Return the effective sample size (d,) of each score after a temperature from that ``before``
     it (d,).
 
-    Resampling by ``weights`` (n,) makes copies and reduces it; moves restore it, the more the
-    smaller the ``correlations`` (d,) with the start are.
+    Resampling by ``weights`` (n,), which add up to 1, makes copies and reduces it; moves restore
+    it, the more the smaller the ``correlations`` (d,) with the start are.
     """
     size, kept = len(weights), correlations**2
     copies = before / (size * (weights**2).sum())

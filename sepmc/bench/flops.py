@@ -65,7 +65,7 @@ class Flops:
 
     @property
     def evaluation(self) -> float:
-        """Mean flops of an evaluation over all phases."""
+        """Mean flops of an evaluation, over all evaluations of the case; 0 if it has none."""
         return self.rates / max(1, sum(self.evaluations.values()))
 
 

@@ -29,8 +29,8 @@ class DesignMap:
         A row per design, the first axis varying fastest: the columns of `DesignTable.summary`, the
         number of ``cases``, and of each requirement the confidence interval of the probability of a
         violation, ``NAME_low`` and ``NAME_high`` (Clopper and Pearson, two-sided, with the
-        confidence `interval_confidence`). Cases without the outcome
-        count as violations in ``NAME_high`` only.
+        confidence `interval_confidence`). Cases that did not finish or lack the outcome count as
+        violations in ``NAME_high`` only.
     looks : tuple of int
         Planned numbers of cases of a design, rising: every design is run with the first number,
         and with each further one while the verdict on a requirement is neither pass nor fail.
@@ -63,8 +63,9 @@ class DesignMap:
         return raised(CONFIDENCE, len(self.looks))
 
     def open_by_lacking(self, requirement: Requirement) -> np.ndarray:
-        """Return the mask (n designs,) of designs that are open for a requirement because cases
-        lack its outcome: counted as known violations, these would refute it."""
+        """Return the mask (n designs,) of designs that are open for a requirement because of
+        unknown cases, which did not finish or lack its outcome: counted as known violations, these
+        would refute it."""
         name, confidence = requirement.name, self.confidence(requirement)
         item = msgspec.structs.replace(requirement, confidence=confidence)
         counts = self.table[[f"{name}_violations", f"{name}_missing", "cases"]].to_numpy(dtype=int)

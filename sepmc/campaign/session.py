@@ -136,7 +136,8 @@ class DesignResult:
         -------
         DataFrame
             A row per requirement, indexed by its name: ``verdict``, ``violations`` and ``missing``
-            (cases without the outcome, which ``violations`` includes), as in
+            (unknown cases, which did not finish or do not have the outcome; ``violations``
+            includes them), as in
             `sepmc.analysis.requirements.Verdict`.
         """
         rows = _verdicts(self.box, self.accuracy.errors, self.block)
@@ -516,7 +517,7 @@ def _verdicts(
     -------
     dict of str to (str, int, int)
         By name of the requirement: verdict, number of violations, and number of those violations
-        that are cases without the outcome.
+        that are unknown cases, which did not finish or do not have the outcome.
     """
     if not box.file.requirements:
         return {}

@@ -97,8 +97,9 @@ def render_map(designs: DesignMap, campaign: Campaign) -> str:
         lines.append(f"{sentence}: shown at {shown} designs, refuted at {refuted}, open at {rest}")
         if lacking := int(np.count_nonzero(designs.open_by_lacking(item))):
             lines.append(
-                f"  at {lacking} of the open designs, cases lack the outcome: as violations they "
-                "would refute it, as unknown cases they do not, and more cases hardly help"
+                f"  at {lacking} of the open designs, cases did not finish or lack the outcome: as "
+                "violations they would refute it, as unknown cases they do not, and more cases "
+                "hardly help"
             )
         needed = required_cases(0, item.probability, designs.confidence(item))
         if most < needed:

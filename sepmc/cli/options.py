@@ -178,8 +178,8 @@ def load_run(folder: Path) -> "Campaign":
 
 
 def redundant(campaign: "Campaign") -> list[str]:
-    """Return a message for each set of joints that constrain a degree of freedom twice; empty if
-    there is none."""
+    """Return a message for each phase in which joints constrain a degree of freedom more than once;
+    empty if there is none."""
     from sepmc.scene.redundancy import redundancies
 
     return [redundancy.sentence for redundancy in redundancies(campaign.scene)]

@@ -442,8 +442,8 @@ def check_threads(threads: int | None) -> int | None:
     count, limit = check_int("threads", threads, -math.inf), pool.max_threads()
     if not 1 <= count <= limit:
         raise InputError(
-            f"threads = {count}: must lie in 1 to {limit}, the cores of this machine or fewer "
-            "where NUMBA_NUM_THREADS is set"
+            f"threads = {count}: must lie in 1 to {limit}, the cores that this process "
+            "may use, or NUMBA_NUM_THREADS where that is set"
         )
     return count
 

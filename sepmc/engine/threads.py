@@ -82,8 +82,8 @@ def is_forked() -> bool:
 
 
 def max_threads() -> int:
-    """Return the largest number of threads that can be requested: the cores of this machine, or
-    NUMBA_NUM_THREADS."""
+    """Return the largest number of threads that can be requested: NUMBA_NUM_THREADS if that is
+    set, else the number of cores that this process may use."""
     return int(config.NUMBA_NUM_THREADS)
 
 

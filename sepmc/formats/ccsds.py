@@ -80,7 +80,7 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
             )
         azimuth = math.degrees(math.atan2(level @ east, level @ north)) % 360.0
     elif isinstance(azimuth, bool) or not isinstance(azimuth, int | float):
-        raise FormatError(f"azimuth_deg = {shorten(azimuth)}: must be a number")
+        raise FormatError(f"the key azimuth_deg = {shorten(azimuth)}: must be a number")
     forward = math.sin(math.radians(azimuth)) * east + math.cos(math.radians(azimuth)) * north
     ground = np.array([forward, up, np.cross(forward, up)])
     along, rise, right = ground @ relative
@@ -127,7 +127,8 @@ def _epoch(given: Any, segments: list[Segment]) -> tuple[float, str]:
     epoch = seconds_of(given) if isinstance(given, str) else None
     if epoch is None:
         raise FormatError(
-            f"epoch = {shorten(given)}: must be a date and time, such as 2026-03-01T12:00:41.5"
+            f"the key epoch = {shorten(given)}: must be a date and time, such as "
+            "2026-03-01T12:00:41.5"
         )
     return epoch, given
 

@@ -102,7 +102,8 @@ def arc_gap(arc, part, limit):
     Returns
     -------
     distance : float
-        m; ``limit`` if no point of the arc is nearer, NaN if a number is NaN.
+        m; 0 if some of the arc is within the part, ``limit`` if no point of the arc is nearer than
+        that, NaN if a number is NaN.
     angle : float
         Angle of the nearest point from the first point of the arc, rad; 0 if no point is nearer
         than ``limit``.
@@ -176,8 +177,9 @@ def edge_gap_bound(edge, part):
 
 @routine
 def _distance(angle, ellipse, section):
-    """Return the distance of the point of a circle at an ``angle`` from a solid part, m, and the
-    derivative of the distance by the angle, m/rad.
+    """Return the distance of the point of a circle at an ``angle``, rad, from a solid part, m, and
+    the derivative of the distance by the angle, m/rad; both are 0 where the point is within the
+    part.
 
     ``ellipse`` describes the circle, as in `rims.rim_point`; ``section`` is (length, r0, r1) of the
     part.

@@ -74,7 +74,8 @@ def map_figure(
 
 def _codes(designs: DesignMap, requirement: Requirement) -> np.ndarray:
     """Return the verdicts on a requirement over the grid, shape (count of y, count of x): `_PASS`;
-    `_FAIL`; `_LACKING`, open only because cases lack the outcome; or `_OPEN`, open otherwise."""
+    `_FAIL`; `_LACKING`, open only because cases did not finish or lack the outcome; or `_OPEN`,
+    open otherwise."""
     verdicts = designs.grid(requirement.name)
     lacking = designs.open_by_lacking(requirement).reshape(verdicts.shape)
     kinds = [verdicts == PASS, verdicts == FAIL, lacking]
@@ -134,7 +135,7 @@ def _draw_line(
 
 def _name_verdicts(ax: Axes, designs: DesignMap, requirement: Requirement) -> None:
     """Add a legend entry for the colour of each verdict to the axes; that of designs which are open
-    because cases lack the outcome only if there are any."""
+    because cases did not finish or lack the outcome only if there are any."""
     sides = f", one-sided at {100.0 * designs.confidence(requirement):.4g} %"
     words = {_PASS: f"shown{sides}", _OPEN: "open: more cases may show or refute it"}
     if designs.open_by_lacking(requirement).any():

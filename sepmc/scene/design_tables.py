@@ -256,7 +256,7 @@ def read_size(
             _note(error, key_path, problems)
     costs = (table.minimise,) if isinstance(table.minimise, str) else table.minimise
     if not 1 <= len(costs) <= MAX_COSTS:
-        reason = f"must be a formula, or a list of up to {MAX_COSTS}"
+        reason = f"must be a formula, or a list of 1 to {MAX_COSTS}"
         problems.add("size.minimise", reason, list(costs))
     if len(problems) > count:
         return None

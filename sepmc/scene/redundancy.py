@@ -19,15 +19,17 @@ _INDEPENDENT = 1e-9  # norm of an independent row's part normal to the others
 
 @dataclass(frozen=True)
 class Redundancy:
-    """Redundancy of the constraint rows of one phase.
+    """Redundancy of the constraint rows of one phase that has redundant rows.
 
     Attributes
     ----------
     phase : str
+        Name of the phase.
     rows : int
-        Constraint rows of the phase.
+        Number of constraint rows of the phase.
     redundant : int
-        Rows that follow from the others.
+        Number of rows that follow from the others, at least 1: a phase without such rows has no
+        `Redundancy`.
     joints : list of str
         Names of the joints whose rows take part in a linear dependence.
     """

@@ -191,7 +191,7 @@ def test_designs_open_by_cases_without_the_outcome_are_told_apart(tmp_path, monk
     done = call(*words)
     assert done.exit_code == 0, done.output
     assert "shown at 1 designs, refuted at 0, open at 2" in done.output
-    assert "at 2 of the open designs, cases lack the outcome" in done.output
+    assert "at 2 of the open designs, cases did not finish or lack the outcome" in done.output
     table = pd.read_parquet("campaign-map.parquet")
     assert table["soon"].tolist() == ["no verdict", "not shown", "pass"]
     (figure,) = figures

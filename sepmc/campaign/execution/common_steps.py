@@ -249,8 +249,9 @@ def history_error(
 
     Cases that are not ok with both are left out; the result is 0 without others. Histories are
     interpolated between the ends of steps, with a lower order than that of the steps. Errors are
-    relative to the size of a value or, if larger, to the scale of the outcome with the same name;
-    ``scale`` (o,) has the scales of all outcomes, SI.
+    relative to the size of a value or, if larger, to the scale of the outcome with the same name
+    as the column, which every column of a history has; ``scale`` (o,) has the scales of all
+    outcomes, SI.
     """
     names = [column.name for column in campaign.outcome_columns]
     width = at_half.history.shape[2]

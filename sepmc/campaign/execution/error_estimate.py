@@ -51,7 +51,7 @@ class Estimate:
     is_decisive: np.ndarray
 
     def of_cases(self, indicators: np.ndarray) -> np.ndarray:
-        """Error of each case (n,): the largest one of the outcomes in `leading`, from the
+        """Relative error of each case (n,): the largest one of the outcomes in `leading`, from the
         indicators (n, g) of n cases.
 
         Sums are made term by term, so that a case has the same bits in any batch.

@@ -248,8 +248,9 @@ class MarginEvaluator:
 
     @property
     def beyond_bounds(self) -> dict[str, int]:
-        """Number of cases beyond the bound of an audit column (a check of the integration, such as
-        a joint gap), by column; columns without such cases are left out."""
+        """Number of ok cases so far beyond the bound of an audit column (a check of the
+        integration, such as a joint gap), or with NaN in it, by column; columns without such cases
+        are left out."""
         names = [column.name for column in self.campaign.result_columns]
         return {names[k]: worst.beyond for k, worst in self.audited.items() if worst.beyond}
 

@@ -555,7 +555,8 @@ class Runner:
         return occurrences(self.campaign.rare_values, self.summary.occurred)
 
     def output(self) -> RunOutput:
-        """Statistics, rows and histories of the cases so far, after waiting for pending writes."""
+        """Statistics, rows and histories of the cases so far, as the sink returns them, after
+        waiting for pending writes."""
         self._wait()
         return self.sink.output()
 

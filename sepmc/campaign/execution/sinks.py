@@ -54,7 +54,8 @@ class Sink(Protocol):
         """Store the next chunks, whose cases are consecutive."""
 
     def output(self) -> RunOutput:
-        """Statistics, rows and histories of all chunks so far."""
+        """Statistics, rows and histories of all chunks so far; None for what the sink does not
+        keep."""
 
 
 @dataclass
@@ -76,7 +77,7 @@ class MemorySink:
             self.histories.append(_histories(chunks, self.separation))
 
     def output(self) -> RunOutput:
-        """Statistics, rows and histories."""
+        """Statistics, rows and histories of all cases so far; None without histories."""
         rows = _join(self.chunk_tables)
         return RunOutput(
             TableStatistics(rows, *self.campaign.summary_inputs),
@@ -239,7 +240,7 @@ class StatisticsSink:
         return _about(self.campaign, spec) | entries
 
     def output(self) -> RunOutput:
-        """Statistics so far, without rows and histories."""
+        """Statistics so far; rows and histories are None."""
         return RunOutput(self.stream)
 
 

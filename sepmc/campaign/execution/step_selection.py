@@ -247,7 +247,9 @@ def _capable_variant(
     size: CalibrationSize,
 ) -> int | None:
     """Variant of the first of the ``remaining_kernels`` that may accept at least half of the corner
-    cases that ``kernel`` rejects; None if there is none, or no corner is rejected."""
+    cases that ``kernel`` rejects; None if there is none, or no corner is rejected. Only ``kernel``
+    is run: the statuses with which it rejects cases show which variants may accept them
+    (`is_accepted_by`)."""
     steps, durations = _initial_steps(kernel)
     block, _ = integrate_cases(
         kernel,

@@ -473,16 +473,16 @@ class KernelSpec:
 
     @property
     def stroke_columns(self) -> list[str]:
-        """Names of the springs whose time of the end of stroke is an outcome, in the order of the
-        outcome columns."""
+        """Generated names of the springs whose time of the end of stroke is an outcome, in the
+        order of the outcome columns."""
         springs = self.names.of["spring"]
         return [springs[name] for name in self.layout.contents.springs]
 
     @property
     def partial_releases(self) -> list[tuple[str, int]]:
-        """Pairs (joint, number of the kind that it is released to) of the partial releases whose
-        times are outcomes, in the order of the outcome columns. A partial release leaves some
-        constraint rows."""
+        """Pairs (generated name of a joint, number of the kind that it is released to) of the
+        partial releases whose times are outcomes, in the order of the outcome columns. A partial
+        release leaves some constraint rows."""
         joints, numbers = self.names.of["joint"], {c.event: c.to for c in self.changes}
         kinds = {(r.joint, r.to): numbers[r.name] for r in self.scene.release}
         return [

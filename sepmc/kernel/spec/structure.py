@@ -80,7 +80,8 @@ def _has_several_conditions(scene: Scene, until: Condition) -> bool:
 
 
 def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
-    """True if a joint has a release delay above zero in the nominal case, or a dispersed one."""
+    """True if a joint has a release delay above zero in the nominal case, or the path of its
+    delay is among the paths ``dispersed``."""
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
@@ -202,7 +203,8 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
 
 def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
     """Return an upper bound of the number of instants of a case at which any sampled signal takes
-    a sample, or begins to output one that it took earlier (`delay`)."""
+    a sample, or begins to output one that it took earlier (`delay`). An interval or delay whose
+    path is in ``dispersed`` may have any value in a case."""
     count = 0
     for signal in scene.signal:
         if signal.sample is not None:
@@ -217,7 +219,8 @@ def _make_segments(
     layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], variant: Variant
 ) -> list[Segment]:
     """Segments of a case in order of time, each with what ends it: one for each phase, preceded by
-    one for delayed releases where needed. Other events are added by the caller."""
+    one for delayed releases where needed. Other events are added by the caller. ``dispersed`` are
+    the paths of dispersed parameters."""
     scene, segments, any_order = layout.scene, list[Segment](), variant <= Variant.ANY_ORDER
     for number, phase in enumerate(scene.phase):
         joint_kinds = {
@@ -237,7 +240,8 @@ def _make_segments(
 
 
 def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
-    """True if a joint fails to release in the nominal case, or may in a dispersed one."""
+    """True if a joint fails to release in the nominal case, or may in another: the path of its
+    ``fails`` is among the paths ``dispersed``."""
     return scene.joint[joint].fails > 0.0 or f"joint.{joint}.fails" in dispersed
 
 
@@ -370,7 +374,8 @@ def _add_end(
     segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
     """Set in ``segment`` what ends its phase: a time, a burn-out, or one condition on the state or
-    on a joint load. A phase without a condition ends with the run."""
+    on a joint load. A phase without a condition ends with the run. ``dispersed`` is as in
+    `make_conditions`."""
     until, path = phase.until, f"phase.{phase.name}.until"
     leaves = {leaf.path: (leaf, slot) for leaf, slot in _thresholds(layout, dispersed)}
     if until is None:
@@ -398,7 +403,8 @@ def _burn_out(layout: ParameterLayout, name: str) -> Due:
 def _add_clauses(
     segment: Segment, number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
-    """Set in ``segment`` the clauses that end phase ``number``, and their conditions."""
+    """Set in ``segment`` the clauses that end phase ``number``, and their conditions.
+    ``dispersed`` is as in `make_conditions`."""
     segment.clauses, segment.times, segment.springs, events, loads = _clauses(
         number, layout, dispersed
     )
@@ -412,7 +418,8 @@ def _clauses(
     """Return the clauses of event ``number`` (as numbered in `Conditions`), each a tuple of
     condition numbers (those of the leaves; the event occurs when all conditions of any clause are
     met); then their conditions by type: times by number, springs whose end of stroke counts by
-    number, conditions on the state, conditions on joint loads."""
+    number, conditions on the state, conditions on joint loads. ``dispersed`` is as in
+    `make_conditions`."""
     conditions, first = (
         make_conditions(layout.scene, dispersed),
         int(layout.model.scene[0].leaves_p),
@@ -444,7 +451,7 @@ def _clauses(
 
 def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
     """Releases with conditions of their own (``release`` in the file), then the observation events
-    of a scene, which are releases without a joint."""
+    of a scene, which are releases without a joint. ``dispersed`` is as in `make_conditions`."""
     names = [(r.name, r.joint) for r in layout.scene.release]
     names += [(event.name, "") for event in layout.scene.event]
     return [
@@ -454,9 +461,9 @@ def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Releas
 
 
 def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
-    """Yield each leaf of the conditions of a scene that has a threshold, dispersed or not, and the
-    index of the threshold in the parameter vector. A burn-out and the end of a spring's stroke have
-    none."""
+    """Yield each leaf of the conditions of a scene that has a threshold, and the index of the
+    threshold in the parameter vector. A burn-out and the end of a spring's stroke have none.
+    ``dispersed`` is as in `make_conditions`."""
     first = int(layout.model.scene[0].leaves_p)
     for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:
@@ -495,7 +502,8 @@ def brief_transient(scene: Scene) -> float:
 
 def _count_switches(scene: Scene, dispersed: frozenset[str]) -> int:
     """Maximum number of instants within a case at which a motor or constant load switches on or
-    off, a thrust profile has a row, or a brief build-up or tail-off is over."""
+    off, a thrust profile has a row, or a brief build-up or tail-off is over. A time whose path is
+    in ``dispersed`` counts whatever its nominal value."""
     count = 0
     for motor in scene.motor:
         path = f"motor.{motor.name}"

@@ -403,7 +403,7 @@ class _Writer:
 
     def _visit(self, args: tuple[Any, ...]) -> None:
         """Count, in ``uses``, the uses of all nodes on which the given expressions depend, and note
-        operands of `where` in ``operands``."""
+        in ``operands`` the two values that a `where` selects from: they are computed before it."""
         pending = list(args)
         while pending:
             a = pending.pop()

@@ -162,11 +162,12 @@ def pushed(
 
 
 class Composite:
-    """Closed form of a run whose bodies are all welded together, and the errors of the run.
+    """Closed form of a run without loads whose bodies are all welded together, and the errors of
+    the run.
 
-    ``rate`` (n, 3), rad/s, and ``attitude`` (n, 3, 3) are those of the composite body; ``force``,
-    N, and ``moment``, N m, (n, 3), body axes, act on the body ``second`` at the layout point
-    ``point``.
+    ``rate`` (n, 3), rad/s, and ``attitude`` (n, 3, 3) are those of the composite body at the n
+    times of the run. ``force``, N, and ``moment``, N m, (n, 3), body axes, are those of all welds
+    on the body ``second``, the moment about the layout point ``point``.
     """
 
     def __init__(self, run: NominalRun, second: str, point: list[float]):
