@@ -145,7 +145,7 @@ def _off_axis(scene: Scene) -> Iterator[str]:
 
 def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     """Yield a sentence on each distribution whose half range exceeds the size of the nominal value;
-    parameters that may have either sign are left out."""
+    discrete distributions and parameters that may have either sign are left out."""
     for each in dispersions:
         path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)

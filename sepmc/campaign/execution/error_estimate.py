@@ -62,8 +62,8 @@ class Estimate:
         return errors
 
     def of_leading(self, indicators: np.ndarray) -> np.ndarray:
-        """Error (o,) of each outcome in `leading`, those that can have the largest error of a case:
-        the largest error over n cases with indicators (n, g). It is 0 for all other outcomes."""
+        """Relative error (o,) of each outcome in `leading`, those that can have the largest error
+        of a case: the largest over n cases with indicators (n, g); 0 for all other outcomes."""
         errors = np.zeros(len(self.floor))
         terms = _terms(indicators, self.size)
         for k in self.leading:
@@ -99,8 +99,8 @@ class Estimate:
         return np.where(self.is_decisive, np.minimum(errors, limit), errors)
 
     def of_outcomes(self, indicators: np.ndarray) -> np.ndarray:
-        """Error of each outcome of every case, shape (o, n), from the indicators (n, g) of n
-        cases."""
+        """Relative error of each outcome of every case, shape (o, n), from the indicators (n, g)
+        of n cases."""
         terms = _terms(indicators, self.size)
         return np.array(
             [self._bound(k, self._sum(k, terms), indicators) for k in range(len(self.floor))]
@@ -115,8 +115,9 @@ class Estimate:
         return error
 
     def _bound(self, k: int, error: np.ndarray, indicators: np.ndarray) -> np.ndarray:
-        """Error (n,) of outcome ``k`` in n cases, from its weighted sum ``error`` (n,) (`_sum`) and
-        the indicators (n, g): raised by factor or offset, plus floor and direct terms."""
+        """Relative error (n,) of outcome ``k`` in n cases, from its weighted sum ``error`` (n,)
+        (`_sum`) and the indicators (n, g): raised by factor or offset, plus floor and direct
+        terms."""
         error_bound = error + self.offset[k]
         if np.isfinite(self.factor[k]):
             error_bound = np.minimum(self.factor[k] * error, error_bound)

@@ -77,7 +77,7 @@ class _Varied:
         resolved: bool = False,
     ) -> Stress:
         """Line of `sepmc stress` on case ``i`` of a block, with its status and, if that is ok, its
-        audit columns beyond their bounds."""
+        audit columns beyond their bounds; other arguments become fields of `Stress`."""
         status = Status(int(block.status[i])).label
         return Stress(
             label,

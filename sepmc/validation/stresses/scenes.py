@@ -193,5 +193,6 @@ class Composite:
         return relative(self.run.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:
-        """Error of the force of a joint on the second body, by `relative`."""
+        """Error of the force of a joint on the second body, by `relative`; the joint must be the
+        only one of that body."""
         return relative(self.run.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
