@@ -421,8 +421,8 @@ class _Curves:
         cls, values: np.ndarray, scale: float, noise: float, step: float, is_angle: bool
     ) -> "_Curves":
         """Build the curves from histories (n, t), the ``scale`` and the ``noise`` sigma, all in the
-        unit of the channel, and the ``step`` of the time grid, s. With ``is_angle`` the values are
-        degrees, and differences are those up to full turns."""
+        unit of the channel, and the ``step`` of the time grid, s; ``is_angle`` is true for a
+        channel whose differences are those up to full turns."""
         scaled = values / scale
         bend = np.zeros_like(scaled)
         bend[:, 1:-1] = np.abs(np.diff(scaled, 2, axis=1))

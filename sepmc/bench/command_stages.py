@@ -37,8 +37,10 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     Returns
     -------
     DataFrame, a row per stage or command
-        ``stage``, ``kind``; ``s`` and ``best_s``, median and smallest time in s; number of
-        ``repeats`` and their ``spread`` (interquartile range over the median).
+        ``stage``, name of the stage or text of the command; ``kind``: "stage", "command, warm",
+        "command, cold", or "stage, cold" for a stage of the cold command; ``s`` and ``best_s``,
+        median and smallest time in s; number of ``repeats`` and their ``spread`` (interquartile
+        range over the median).
     """
     campaign = study.with_settings({"run.history_step_s": history_step, "run.cases": study.cases})
     with tempfile.TemporaryDirectory() as folder:
@@ -87,7 +89,8 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
 
 
 def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
-    """Return the row of a stage or command in the table of `measure`, from its times, s."""
+    """Return the row of a stage or command in the table of `measure`, from its times, s; ``kind``
+    is the value of that column."""
     return {
         "stage": name,
         "kind": kind,

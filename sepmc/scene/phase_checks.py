@@ -59,7 +59,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
             if until.time < last_time - SHORTEST:  # closer times are equal
                 problems.add(
                     f"{key_path}.until.time_s",
-                    f"must be >= {last_time:g}, the end of the phase before",
+                    f"must be >= {last_time:g}, the end of an earlier phase",
                     until.time,
                 )
             if until.time >= scene.run.end_time and not is_last:

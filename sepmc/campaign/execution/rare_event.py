@@ -480,7 +480,8 @@ def _write(
     sessions: list[dict[str, Any]],
 ) -> None:
     """Write the results of a complete estimate into its open run folder: manifest, campaign text,
-    ``rare.parquet`` (cases) and ``rare.json`` (report)."""
+    ``rare.parquet`` (cases) and ``rare.json`` (report). ``request`` (from `_request`) and
+    ``sessions`` are entries of the manifest."""
     campaign = evaluator.campaign
     manifest = {
         **request,

@@ -113,7 +113,8 @@ class Case:
 
         Returns the arm from the mass centre of each body to its point, and the vector from the
         first point to the second at the start; body axes, m. ``start`` is the index of the first
-        parameter of the joint or spring. Unless it ``has_second`` point, both points coincide.
+        parameter of the joint or spring. Unless it ``has_second`` point, both points coincide, and
+        the vector is `ZERO`.
         """
         first = self.vector(start + at.POINT)
         second = self.vector(start + at.SECOND_POINT) if has_second else first

@@ -25,14 +25,14 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
     ----------
     s : State
     force : dict of str to Expr
-        force on each body, ground axes, N
+        force on each body, ground axes, N; `ZERO` for none
     moment : dict of str to Expr
-        moment on each body, body axes, N m
+        moment on each body, body axes, N m; `ZERO` for none
 
     Returns
     -------
     Expr
-        W
+        W; 0.0 if there are no loads
     """
     mean, terms = _mean_speed(s), []
     for body in s.spec.bodies:
@@ -45,8 +45,8 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
 
 
 def _mean_speed(s: State) -> Any:
-    """Velocity of the common mass centre of all bodies, ground axes, m/s; zero if a joint or spring
-    connects a body to the ground, which absorbs momentum."""
+    """Velocity of the common mass centre of all bodies, ground axes, m/s; the object `ZERO` if a
+    joint or spring connects a body to the ground, which absorbs momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.spec.bodies])
@@ -59,8 +59,8 @@ def _mean_speed(s: State) -> Any:
 
 
 def _relative_velocity(s: State, body: str, mean: Any) -> Any:
-    """Velocity of a body minus ``mean``, the velocity of the common mass centre, ground axes,
-    m/s."""
+    """Velocity of a body minus ``mean``, which is from `_mean_speed` (`ZERO` if the ground is
+    connected: the velocity itself is then returned); ground axes, m/s."""
     return s.velocity(body) if mean is ZERO else vec3.sub(s.velocity(body), mean).called("relative")
 
 

@@ -143,7 +143,8 @@ class State:
         return quat.matrix(self.quaternion(leader)).called(f"r_{leader}")
 
     def spin(self, body: str) -> Any:
-        """Angular rate of a body, ground axes, rad/s."""
+        """Angular rate of a body, ground axes, rad/s; `ZERO` for one that is in the rigid group of
+        the ground."""
         leader = self.segment.leader(body)
         return (
             ZERO
@@ -415,7 +416,8 @@ def translation_rate(pair: Pair, e: Any) -> Any:
 
 def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
     """Acceleration of the mass centre of the second of two bodies minus that of the first, ground
-    axes, m/s2, from ``accelerations`` by body; that of the ground is zero."""
+    axes, m/s2, from ``accelerations`` by body; that of the ground is zero. The object `ZERO` stands
+    for an acceleration known to be zero, also in the result."""
     of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
     if of_a is ZERO:
         return of_b

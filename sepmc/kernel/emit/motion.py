@@ -192,7 +192,8 @@ def angular_acceleration(s: State, group: tuple[str, ...], moment: dict[str, Any
 
 
 def _added(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
-    """Sum of two vectors for each name in ``vectors``; None in ``others`` counts as zero."""
+    """Sum of two vectors for each name in ``vectors``; None in ``others`` counts as zero. A sum of
+    `ZERO` only is `ZERO` (`vector_sum`)."""
     additions = {name: ZERO if other is None else other for name, other in others.items()}
     return {name: vector_sum([vector, additions[name]]) for name, vector in vectors.items()}
 

@@ -146,7 +146,7 @@ class Rows:
     def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """Terms of a row that constrains a rotation: direction (zero), moment on each body per unit
         of the multiplier (the ``arms`` of `JointRow`), gamma (rad/s2), residual (rad), rate of the
-        residual."""
+        residual (rad/s)."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
@@ -162,7 +162,7 @@ class Rows:
     def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """Terms of a row that constrains a translation, or the length of a rod: direction, moment
         on each body per unit of the multiplier (the ``arms`` of `JointRow`, m), gamma (m/s2),
-        residual (m), rate of the residual."""
+        residual (m), rate of the residual (m/s)."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")
@@ -222,8 +222,8 @@ class Rows:
     ) -> list[Any]:
         """Right-hand side of the equation for the multipliers, a number for each row: gamma minus G
         times the accelerations without joint forces: ``acceleration`` of mass centres by body,
-        ground axes, ``spin_rate`` by leader, body axes; 0 for an inactive row. Unless ``moving``,
-        gamma is left out."""
+        ground axes, ``spin_rate`` by leader, body axes (the object `ZERO` where one is known to be
+        zero); 0 for an inactive row. Unless ``moving``, gamma is left out."""
         sides = []
         for one in self.rows:
             side = one.gamma if moving else 0.0

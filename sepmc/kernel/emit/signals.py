@@ -443,7 +443,8 @@ class Quantities:
         return vec3.dot(x, rates) + vec3.dot(vec3.cross(spin, x), relative)
 
     def _spin_rate(self, body: str) -> Any:
-        """Angular acceleration of a body, ground axes, rad/s2, from the derivative K1."""
+        """Angular acceleration of a body, ground axes, rad/s2, from the derivative K1; `ZERO` for
+        one that is in the rigid group of the ground."""
         leader = self.s.segment.leader(body)
         if leader == GROUND:
             return ZERO

@@ -156,7 +156,8 @@ def _side(s: State, joint: str, body: str) -> set[str]:
 def _required_moment(s: State, motion: Motion, side: set[str]) -> Any:
     """Moment, ground axes, N m, that must act on the bodies ``side`` of a rigid group besides their
     loads and constraint rows: the sum over the bodies of the moment that the angular acceleration
-    needs (about the body's mass centre) minus the moments of loads and rows."""
+    needs (about the body's mass centre) minus the moments of loads and rows; `ZERO` if it is known
+    to be zero."""
     case, terms = s.case, []
     for body in sorted(side):
         leader = s.segment.leader(body)

@@ -285,7 +285,8 @@ def _possible_kinds(
 ) -> Kinds:
     """Kinds that a joint may have in phase number ``phase``, as row codes by the number of the
     kind: the kind of the phase, those with fewer rows to which releases change it and, with
-    ``any_order``, those of earlier phases if its release may be delayed or fail."""
+    ``any_order``, those of earlier phases if its release may be delayed or fail, nominally or
+    because its ``delay`` or ``fails`` is in ``dispersed``."""
     numbers_of_phases = [_kind_in_phase(scene, joint, phase)]
     if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
         numbers_of_phases = [_kind_in_phase(scene, joint, number) for number in range(phase + 1)]
@@ -311,7 +312,8 @@ def _add_late(
 ) -> None:
     """Prepare the segments for joints whose release at the start of phase ``number`` is delayed.
     ``segment`` is that of the phase, and is marked (`Segment.after_late`); ``segments`` are those
-    before it. Without delayed releases, change nothing.
+    before it. A release is delayed if its ``delay`` is above 0 or in ``dispersed``; without one,
+    change nothing.
 
     If the last of ``segments`` ends at a time and only one joint changes, the delay is added to
     that time. Otherwise a segment is appended to ``segments`` in which the delayed joints keep
