@@ -583,7 +583,8 @@ def _summarise(
     box: Definition, errors: Mapping[str, float], block: Block, cases: int
 ) -> list[dict[str, Any]]:
     """Return the rows of `DesignTable.summary`, without the values of the designs, from a block
-    that has the cases of one design after the other, ``cases`` each."""
+    that has the cases of one design after the other, ``cases`` each. ``errors`` are relative, by
+    outcome; verdicts allow for them."""
     rows = []
     for first in range(0, len(block.status), cases):
         part = _part(block, first, first + cases)

@@ -186,7 +186,8 @@ class Columns:
 
 def values_in_si(values: np.ndarray, title: str, unit: str, kind: str) -> np.ndarray:
     """Convert the values (n,) of the column ``title`` from ``unit``, a suffix of keys or "degC", to
-    SI. Raises FormatError if the unit is empty or not one of this kind of quantity."""
+    SI. ``kind`` is the kind of quantity, a key of `UNITS`. Raises FormatError if the unit is empty
+    or not one of this kind."""
     units = UNITS[kind]
     if kind == "temperature" and unit == "degC":
         return values + _ZERO_CELSIUS

@@ -303,8 +303,9 @@ def _on_circle(part: Part, radius: float, angles: np.ndarray) -> np.ndarray:
 def _masses(
     labels: _Labels, scene: Scene, view: _View, reach: dict[str, tuple[float, float]]
 ) -> None:
-    """Draw the centres of mass with names and masses, and ellipses of their dispersion; ``reach``
-    has the low and high end of each dispersed parameter by its path without unit, SI."""
+    """Draw the centres of mass with names and masses (in rear view names only), and ellipses of
+    their dispersion; ``reach`` has the low and high end of each dispersed parameter by its path
+    without unit, SI."""
     for number, (name, body) in enumerate(scene.body.items()):
         edge, at = EDGES[number % len(EDGES)], view.at(body.cg)
         labels.ax.plot(*at, marker="o", ms=9, mfc="white", mec=edge, mew=1.6, zorder=4)

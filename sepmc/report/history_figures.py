@@ -302,7 +302,7 @@ def _time_page(
 ) -> Path:
     """Draw panels over a common time axis, in rows of ``columns``, into the file ``path``, and
     return it. ``marks`` are times, s, by name; ``behind`` is the history of the nominal case, drawn
-    in pale lines."""
+    in pale lines, or None."""
     rows = -(-len(panels) // columns)
     figure, axes = make_axes(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)

@@ -46,7 +46,7 @@ def _rotated_bodies(scene: Scene, joint: str) -> set[str]:
 def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
     """Add a problem for each initial rate that would rotate the ground, that other joints between
     the two bodies prevent, or that has, or would vary in, a component that the joint constrains.
-    ``dispersed`` are the paths of dispersed parameters."""
+    ``dispersed`` has the paths of dispersed parameters."""
     for name, rotated in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
         key_path, first = f"joint.{name}.omega_deg_s", joint.bodies[0]

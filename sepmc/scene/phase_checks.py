@@ -33,7 +33,7 @@ def holds_ground(scene: Scene) -> bool:
 
 def check_phases(scene: Scene, problems: Problems) -> None:
     """Add problems of phases, releases and events: of their conditions, the kinds that they give to
-    joints, and the times at which phases end, which must not decrease from phase to phase."""
+    joints, and the ``until.time_s`` of phases, which must not decrease from phase to phase."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
@@ -59,13 +59,13 @@ def check_phases(scene: Scene, problems: Problems) -> None:
             if until.time < last_time - SHORTEST:  # closer times are equal
                 problems.add(
                     f"{key_path}.until.time_s",
-                    f"must be >= {last_time:g}, the end of an earlier phase",
+                    f"must be >= {last_time:g}, the time_s of an earlier phase",
                     until.time,
                 )
             if until.time >= scene.run.end_time and not is_last:
                 reason = (
-                    f"must be < run.end_time_s = {scene.run.end_time:g}, or the next phase "
-                    "never begins"
+                    f"must be < run.end_time_s = {scene.run.end_time:g}, or it never ends the "
+                    "phase"
                 )
                 problems.add(f"{key_path}.until.time_s", reason, until.time)
             last_time = max(last_time, until.time)
@@ -83,7 +83,7 @@ def _check_can_move(
     key_path: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
     """Add a problem for each key of a condition that asks for a motion (stroke, distance, angle)
-    which the joint, by ``kinds`` of the phase, cannot make: it is never met."""
+    which the joint, by ``kinds`` of the phase, cannot make: this key is never met."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
     if joint in scene.joint and _known(joint, kind, scene):
         rows = rows_of(scene.joint[joint], kind)
@@ -95,7 +95,7 @@ def _check_can_move(
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:
                 reason = (
-                    f"is {kind!r} in this phase, which has no {key}, so the condition is never met"
+                    f"is {kind!r} in this phase, which has no {key}, so that key is never met"
                 )
                 problems.add(f"{key_path}.joint", reason, joint)
     for key, items in (("any", until.any), ("all", until.all)):

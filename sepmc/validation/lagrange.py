@@ -390,9 +390,9 @@ class _Simulation:
         return solution.t[-1], solution.y[:, -1]
 
     def advance(self, t_end: float, stroke: float = np.inf) -> bool:
-        """Integrate to t_end, s, or until the separation distance reaches the stroke, m, and store
-        the time and state reached. Return True if the stroke ended the interval. No motor may
-        ignite or burn out within the interval."""
+        """Integrate to t_end, s, or until the separation distance reaches the stroke, m (infinite
+        for none), and store the time and state reached. Return True if the stroke ended the
+        interval. No motor may ignite or burn out within the interval."""
 
         def event(t: float, y: Array) -> float:
             """Separation distance minus the stroke, m."""

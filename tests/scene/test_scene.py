@@ -404,5 +404,5 @@ def test_ends_of_phases_that_differ_by_round_off_are_equal(pair):
     ]
     assert pair({"phase": phases}).scene.phase[1].until.time < 0.114097
     phases[1]["until"]["time_s"] = 0.114096
-    with pytest.raises(SceneError, match="end of an earlier phase"):
+    with pytest.raises(SceneError, match="time_s of an earlier phase"):
         pair({"phase": phases})

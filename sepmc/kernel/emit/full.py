@@ -66,8 +66,8 @@ class FullSystem:
             self._add_joint(joint)
 
     def _add_body(self, body: str, force: Any, moment: Any) -> None:
-        """Add the equations of motion of a body, paper eqs (12), (13), without joint terms;
-        ``force`` and ``moment`` are those of its loads, in the axes given above."""
+        """Add the equations of motion of a body, paper eqs (12), (13), without joint terms, from
+        its loads: ``force``, N, in ground axes, and ``moment``, N m, in body axes."""
         case, first = self.s.case, self.of_body[body]
         inertia, omega = case.inertia(body), self.s.rate(body)
         turning = vec3.sub(moment, vec3.cross(omega, vec3.rotate(inertia, omega)))

@@ -366,7 +366,8 @@ def _model(
 
     ``order`` are the bodies in the order of `body_order`; ``starts`` the indices of the parameter
     blocks, to which those of interval data are added in place; ``size_p`` is the number of
-    parameters; ``gusty`` is True if factor and turn of the wind profile are parameters.
+    parameters; ``gusty`` is True if factor and turn of the wind profile are parameters;
+    ``dispersed`` are the paths of dispersed parameters, on which force tables of springs depend.
     """
     joints = list(scene.joint)
     pool = Pool()
