@@ -64,8 +64,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
                 )
             if until.time >= scene.run.end_time and not is_last:
                 reason = (
-                    f"must be < run.end_time_s = {scene.run.end_time:g}, or it never ends the "
-                    "phase"
+                    f"must be < run.end_time_s = {scene.run.end_time:g}, or it never ends the phase"
                 )
                 problems.add(f"{key_path}.until.time_s", reason, until.time)
             last_time = max(last_time, until.time)
@@ -94,9 +93,7 @@ def _check_can_move(
         }
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:
-                reason = (
-                    f"is {kind!r} in this phase, which has no {key}, so that key is never met"
-                )
+                reason = f"is {kind!r} in this phase, which has no {key}, so that key is never met"
                 problems.add(f"{key_path}.joint", reason, joint)
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
