@@ -79,8 +79,8 @@ class Allocation:
 def scaled_distribution(dispersion: Dispersion, factor: float) -> dict[str, Any]:
     """Return a distribution whose spread is scaled by ``factor`` about its centre (the mode of a
     triangular one), as a TOML table for ``[dispersion]``, such as ``{"uniform": [low, high]}``. The
-    truncation of a normal distribution scales with sigma. It must be one of `SCALED`, which is not
-    checked."""
+    truncation of a normal distribution scales with sigma. ``dispersion`` must have a distribution
+    of `SCALED`; this is not checked."""
     numbers = dispersion.numbers
     if dispersion.distribution == "normal":
         mean, sigma, cut = numbers

@@ -44,9 +44,9 @@ def _rotated_bodies(scene: Scene, joint: str) -> set[str]:
 
 
 def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
-    """Add a problem for each initial rate that would rotate the ground, that other joints between
-    the two bodies prevent, or that has, or would vary in, a component that the joint constrains.
-    ``dispersed`` has the paths of dispersed parameters."""
+    """Add a problem for each initial rate that would rotate the ground, that would rotate the first
+    body too, since other joints connect it to the second, or that has, or would vary in, a
+    component that the joint constrains. ``dispersed`` has the paths of dispersed parameters."""
     for name, rotated in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
         key_path, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
@@ -60,8 +60,8 @@ def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Probl
         elif first in rotated:
             problems.add(
                 key_path,
-                f"{first} is connected to the second body by other joints too, so the two cannot "
-                "rotate relative to each other",
+                f"{first} is connected to the second body by other joints too, so this rate would "
+                "turn both of them",
                 rate,
             )
         elif kind in KINDS or kind in joint.kind:

@@ -82,7 +82,8 @@ def _check_can_move(
     key_path: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
     """Add a problem for each key of a condition that asks for a motion (stroke, distance, angle)
-    which the joint, by ``kinds`` of the phase, cannot make: this key is never met."""
+    which the joint, by ``kinds`` of the phase, cannot make: this key is never met. A ``release``
+    that may free the joint within the phase does not count."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
     if joint in scene.joint and _known(joint, kind, scene):
         rows = rows_of(scene.joint[joint], kind)
