@@ -523,7 +523,8 @@ def _level(
 
     ``states`` are the n cases compared with it, ``mask`` (n,) is True for those that reach it,
     ``reached`` (r,) are the estimates of the replicas for the probability to reach it, and
-    ``levels`` are the levels before it. ``acceptance`` becomes a field.
+    ``levels`` are the levels before it. ``acceptance`` becomes a field. The conditional probability
+    is NaN if no case reached the level before.
     """
     mean = float(reached.mean())
     previous = levels[-1].reached if levels else 1.0

@@ -143,7 +143,8 @@ class Study:
         ``outcomes`` (m, o) of the first m cases and the mask ``ok`` (m,) of those with status ok.
 
         ``reference`` (n, o) and the mask ``valid`` (n,) are those of all n cases: errors are scaled
-        by the scatter over the valid cases of the reference.
+        by the scatter over the valid cases of the reference. The result is (infinity, "") if no
+        case is both ok and valid.
         """
         common = np.flatnonzero(ok & valid[: len(outcomes)])
         if not len(common):

@@ -253,7 +253,8 @@ def number(cell: str) -> float:
 
 def _header(lines: list[tuple[int, str]], separator: str) -> list[str]:
     """Names of the columns from the lines (line number, text) before the numbers: the cells of the
-    last line or, if those are all units, of the line above with these units as ``name (unit)``."""
+    last line or, if those are all units, of the line above with these units as ``name (unit)``.
+    Empty without lines."""
     if not lines:
         return []
     cells = _cells(lines[-1][1], separator)

@@ -7,7 +7,8 @@ from sepmc.scene.messages import SceneError, nearest, shorten
 
 
 def shipped_campaigns() -> dict[str, Path]:
-    """Paths of the campaign files shipped with sepmc, by file name (``table1.toml``)."""
+    """Paths of the campaign files shipped with sepmc, by file name (``table1.toml``); empty if
+    their folder is missing."""
     package = Path(__file__).resolve().parent.parent
     for folder in (package / "campaigns", package.parent / "campaigns"):
         if folder.is_dir():

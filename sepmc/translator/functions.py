@@ -287,7 +287,7 @@ class Function(Writer):
 
     def _range(self, line: ast.For, limits: list[Number]) -> None:
         """Translate a loop over a range, given by the one to three arguments ``limits`` of the
-        range; its step must be known."""
+        range. Raises TranslationError if its step is not a known whole number other than 0."""
         limits = [self.converted(limit, INT) for limit in limits]
         first, last, step = {
             1: lambda: (_ZERO_I, limits[0], 1),
@@ -324,7 +324,8 @@ class Function(Writer):
     # Expressions
 
     def value(self, node: ast.expr) -> Any:
-        """Translate an expression: add the instructions that compute it, and return its value."""
+        """Translate an expression: add the instructions that compute it, and return its value.
+        Raises TranslationError if it is of a kind that cannot be translated."""
         method: Callable[[Any], Any] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._fail(node, f"{type(node).__name__} cannot be translated")
@@ -392,7 +393,9 @@ class Function(Writer):
 
     def _element(self, node: ast.Subscript, owner: Any = None) -> tuple[str, Number]:
         """Translate the element that a subscript addresses, in the array ``owner`` (by default the
-        value of the subscripted expression). Returns the element type and a pointer to it."""
+        value of the subscripted expression). Returns the element type and a pointer to it. Raises
+        TranslationError for a value that is no array, and for indices that are not whole numbers,
+        too few or too many, or known to be negative."""
         array = self.value(node.value) if owner is None else owner
         if not isinstance(array, Array):
             raise self._fail(node, "the subscripted value is no array and no tuple")

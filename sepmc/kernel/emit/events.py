@@ -407,7 +407,8 @@ def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
 
 
 def _spin_rate(s: State, body: str) -> Any:
-    """Angular acceleration of a body, ground axes, rad/s2, from the stored derivative K1."""
+    """Angular acceleration of a body, ground axes, rad/s2, from the stored derivative K1; `ZERO`
+    for one that is in the rigid group of the ground."""
     leader = s.segment.leader(body)
     return (
         ZERO
