@@ -140,8 +140,8 @@ def _of_line(level: float, slope: float, t0: float, t1: float, build_up: float) 
 
 
 def energy(spring: Spring) -> float:
-    """Work that a spring does from the start to the end of its stroke; without a stroke, to the
-    extension force / stiffness, at which its force without the table is zero.
+    """Work that a spring does from the start to the end of its stroke; without a stroke, to where
+    its force is zero. A spring with a table has a stroke: reading a file sets it if it is missing.
 
     Parameters
     ----------
@@ -150,9 +150,8 @@ def energy(spring: Spring) -> float:
     Returns
     -------
     float
-        J, without damping. A negative force counts, unless the spring only pushes. With neither a
-        stroke nor a stiffness it is infinite if the spring has a ``force``, else 0, even with a
-        table.
+        J, without damping. A negative force counts, unless the spring only pushes. Infinite if the
+        spring has a force but neither a stroke nor a stiffness.
     """
     force, stroke = spring.force, spring.stroke
     if math.isinf(stroke):
