@@ -34,7 +34,8 @@ _EXTREME_OF = {
 
 
 def error_size(relative: float, scale: float, value: float) -> float:
-    """Return the numerical error of an outcome at a ``value``, in its unit, including round-off.
+    """Return the numerical error of an outcome at a ``value``, in its unit, including round-off
+    (1e-10 of the ``scale``).
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from sepmc.analysis.statistics import PERCENTILES, column, ok_rows
 from sepmc.analysis.statistics_text import WIDTH, aligned, rounded
 
 MIN_CASES = 20  # an outcome with fewer values is not fitted
-LEVEL = 0.05  # p value below which a distribution is reported not to fit
+LEVEL = 0.05  # p value at or below which a distribution is reported not to fit
 ENDS = ("p0_135", "p99_865")  # mean -+ 3 sigma of a normal distribution
 _NORMAL = {0.25: 0.470, 0.15: 0.561, 0.1: 0.631, 0.05: 0.752, 0.025: 0.873, 0.01: 1.035}
 _LOGISTIC = {0.25: 0.426, 0.1: 0.563, 0.05: 0.660, 0.025: 0.769, 0.01: 0.906}

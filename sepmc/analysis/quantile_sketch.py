@@ -1,10 +1,10 @@
 """Quantiles and histograms of streamed values, in constant memory.
 
-The first `EXACT_VALUES` values are stored, and up to that number every result is exact. Then a grid
-of `BINS` equal bins is laid out over the range of their central 99.9 % and a quarter of that range
-on either side, and these and all further values are counted in the bins. By Chebyshev's inequality
-the 0.05 % and 99.95 % points are within sqrt(2000) = 44.7 sigma of the mean, so a bin is never
-wider than 1.5 x 89.4 / 32768 = 0.41 % of the sigma of the first values (0.03 % for a normal
+Fewer than `EXACT_VALUES` values are stored, and every result is exact. When that number is reached,
+a grid of `BINS` equal bins is laid out over the range of their central 99.9 % and a quarter of that
+range on either side, and these and all further values are counted in the bins. By Chebyshev's
+inequality the 0.05 % and 99.95 % points are within sqrt(2000) = 44.7 sigma of the mean, so a bin is
+never wider than 1.5 x 89.4 / 32768 = 0.41 % of the sigma of the first values (0.03 % for a normal
 distribution), and a quantile within the grid is never off by more than a bin. Values beyond the
 grid are counted in bins that grow with the distance from it, 64 for each doubling.
 
@@ -20,17 +20,18 @@ import numpy as np
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 from sepmc.analysis.proportions import order_statistics
 
-EXACT_VALUES = 65536  # values stored before they are binned: 0.5 MB per outcome
+EXACT_VALUES = 65536  # values at which all are binned: 0.5 MB per outcome
 BINS = 32768
 _OCTAVE = 64  # bins of a tail for each doubling of the distance from the grid
-# a value repeated this often in the first EXACT_VALUES is a point mass, reported exactly
+# a value more frequent than this in the first EXACT_VALUES is a point mass, reported exactly
 _ATOM = EXACT_VALUES // 1000
 _NO_GRID = np.empty(0)
 
 
 class QuantileSketch:
-    """Accumulator of the values of one outcome, for quantiles and histograms: up to `EXACT_VALUES`
-    values are stored, from then on they are counted in bins. NaN is not allowed."""
+    """Accumulator of the values of one outcome, for quantiles and histograms. Fewer than
+    `EXACT_VALUES` values are stored as they are; when that number is reached, these and all later
+    values are counted in bins. NaN is not allowed."""
 
     def __init__(self) -> None:
         self._buffer = np.empty(EXACT_VALUES)

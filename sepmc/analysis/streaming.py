@@ -170,8 +170,8 @@ class PartialStatistics:
 class StreamingStatistics:
     """Statistics, audit and histograms of cases added chunk by chunk, without a stored case table.
 
-    It has the methods of `sepmc.analysis.row_statistics.TableStatistics`; percentiles are exact up
-    to 65,536 values, and those of a `QuantileSketch` for more.
+    It has the methods of `sepmc.analysis.row_statistics.TableStatistics`; percentiles are exact
+    for fewer than 65,536 values, and those of the bins of a `QuantileSketch` from that number on.
 
     Parameters
     ----------

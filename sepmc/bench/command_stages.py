@@ -38,9 +38,9 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     -------
     DataFrame, a row per stage or command
         ``stage``, name of the stage or text of the command; ``kind``: "stage", "command, warm",
-        "command, cold", or "stage, cold" for a stage of the cold command; ``s`` and ``best_s``,
-        median and smallest time in s; number of ``repeats`` and their ``spread`` (interquartile
-        range over the median).
+        "command, cold", or "stage, cold" for a stage of the cold command (cold: with an empty cache
+        of kernels); ``s`` and ``best_s``, median and smallest time in s; number of ``repeats`` and
+        their ``spread`` (interquartile range over the median).
     """
     campaign = study.with_settings({"run.history_step_s": history_step, "run.cases": study.cases})
     with tempfile.TemporaryDirectory() as folder:

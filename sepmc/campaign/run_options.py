@@ -22,8 +22,8 @@ class RunOptions:
         Run only the cases missing in ``out``.
     stats_only : bool
         Store statistics, histograms, audit and counts, but no case rows and no histories; memory
-        and disk do not grow with the number of cases. Percentiles are exact up to 65,536 cases,
-        and within 0.41 % of sigma beyond; see `sepmc.analysis.quantile_sketch`.
+        and disk do not grow with the number of cases. Percentiles are exact for fewer than 65,536
+        cases, else within 0.41 % of sigma; see `sepmc.analysis.quantile_sketch`.
     until : str, optional
         Stopping rule ``METRIC:TOLERANCE``: stop as soon as the half width of the 95 % confidence
         interval of a statistic is at most TOLERANCE, in the unit of the outcome or relative

@@ -131,8 +131,8 @@ def campaign(
     folder.
 
     With --stats-only the folder contains statistics, histograms, audit and counts, but no cases/
-    and no histories/, for millions of cases. Percentiles are then those of a fine grid of bins,
-    exact up to 65,536 cases and within 0.41 % of sigma beyond.
+    and no histories/, for millions of cases. Percentiles are then exact for fewer than 65,536
+    cases, else those of a fine grid of bins, within 0.41 % of sigma.
 
     \b
     Examples:

@@ -79,7 +79,10 @@ def scenarios(
         )
     folder = out or folders.next_folder(f"{campaign.name}-scenarios")
     if resume and not (folder / BASELINE).is_dir():
-        raise InputError(f"{folder}: has no run of the scenarios to resume")
+        raise InputError(
+            f"{folder}: has no run of the scenarios to resume; to start one, leave out "
+            "--resume and give a new folder"
+        )
     if folder.exists() and not resume:
         raise InputError(f"{exists(folder)}; --resume runs its missing cases")
     log, runs, text = logger(quiet), None, []

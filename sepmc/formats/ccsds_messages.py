@@ -170,7 +170,8 @@ def _parse_xml(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 def _cells(state: Element, units: dict[str, str]) -> list[str]:
     """Texts of the elements of a state whose tags are the keys of ``units``, in that order. Raises
-    FormatError if one is missing or there twice, or is not in the unit of ``units``."""
+    FormatError if one is missing or there twice, or states another unit than that of ``units``
+    (one that states none has that unit)."""
     cells = []
     for tag, unit in units.items():
         elements = list(state.all(tag))

@@ -93,7 +93,7 @@ def read_limited(path: Path, most: int) -> bytes:
 
 
 def check_keys(text: str) -> str:
-    """Return an error text if a TOML text has a dotted key of more than `KEY_PARTS` parts, which
+    """Return an error text if a TOML text has a dotted key with more than `KEY_PARTS` dots, which
     would make parsing slow; else an empty string."""
     for piece in _BETWEEN_KEYS.split(text):
         if piece.count(".") > KEY_PARTS and not piece.lstrip().startswith("#"):

@@ -619,8 +619,9 @@ class Distribution(_Table, frozen=True, kw_only=True):
     ``constant``, or a ``column`` of ``run.samples``. A single number of ``uniform``, ``normal`` or
     ``triangular`` is the half range (``normal``: sigma) about the nominal; several are (low, high),
     (mean, sigma) or (low, mode, high). All numbers are in the unit of the key or, with
-    ``relative``, fractions of the nominal. ``weights`` belong to the values of ``discrete``;
-    ``truncate_sigma`` cuts ``normal`` at that many sigma on both sides."""
+    ``relative``, fractions of the nominal. ``weights``, in any scale, belong to the values of
+    ``discrete`` (equal if None); ``truncate_sigma`` cuts ``normal`` at that many sigma on both
+    sides."""
 
     uniform: float | tuple[float, float] | None = None
     normal: float | tuple[float, float] | None = None

@@ -124,8 +124,9 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
 
 
 def count_errors(campaign: Definition, block: Block) -> BatchSummary:
-    """Summary of n cases in which only ``refined``, ``fallback``, ``unconverged``, ``errors`` and
-    ``indicators`` are filled, from ``block.refinement``; the rest is 0 or empty."""
+    """Summary of the cases of a block in which only ``refined``, ``fallback``, ``unconverged``,
+    ``errors`` and ``indicators`` are filled, from ``block.refinement``; the rest is 0 or empty. If
+    that is None, errors are 0, too."""
     columns, again = campaign.outcome_columns, block.refinement
     errors = np.zeros(len(columns)) if again is None else again.error
     return BatchSummary(

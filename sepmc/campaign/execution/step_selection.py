@@ -126,6 +126,7 @@ def select_steps(
 
     They are taken from memory or the cache folder (`sepmc.campaign.execution.step_store`) if they
     were selected before; else calibration cases are integrated, and the selection is stored there.
+    Where kernels run as plain Python, nothing is taken from there or stored.
 
     Parameters
     ----------
@@ -137,13 +138,16 @@ def select_steps(
     size : CalibrationSize, optional
         Number of calibration cases; (`CORNERS`, `SAMPLE`) if None.
     timing : dict of str to float, optional
-        Changed in place: seconds are added to the values of the keys text, compile and steps.
+        Changed in place: seconds are added to its values of the keys text, compile and steps,
+        which must be there.
     again : bool
         True: select steps anew, even if there are stored ones, and do not store them.
 
     Returns
     -------
     Integration
+        Kernel, steps and notes. If no common steps meet the accuracy, it refines the steps of each
+        case.
     """
     timing = {"text": 0.0, "compile": 0.0, "steps": 0.0} if timing is None else timing
     size = size or CalibrationSize(CORNERS, SAMPLE)

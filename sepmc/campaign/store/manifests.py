@@ -177,7 +177,8 @@ def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Fin
 
 
 def restore_advice(folder: Path) -> str:
-    """Advice for a message: what to do if the campaign file of a run folder was changed."""
+    """Advice for a message about a changed or missing campaign file of a run folder: restore it, or
+    continue the run with the file that it was made from."""
     return (
         f"restore {folders.CAMPAIGN}, or continue with the file that it was made from: "
         f"{flying_again(folder, 'FILE')}"
@@ -337,8 +338,9 @@ def ensure_ledger(folder: Path) -> None:
 def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
     """Entries of the manifest of a run folder by key, whether it was changed or not.
 
-    Raises StoreError if it is missing or unreadable (then with ``advice`` at the end of the
-    message), OtherFormatError if the folder has the format of another version.
+    Raises StoreError if there is none, it is unreadable, or an entry of the folder is refused
+    (`untrusted.check_entries`); if it is not a valid manifest, with ``advice`` at the end of the
+    message. Raises OtherFormatError if the folder has the format of another version.
     """
     path = folder / folders.MANIFEST
     untrusted.check_entries(folder)

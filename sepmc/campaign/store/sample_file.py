@@ -218,7 +218,7 @@ def _floats(column: pa.ChunkedArray) -> np.ndarray:
 
 def _first(column: pa.ChunkedArray) -> str:
     """Text of the first value of a column that cannot be read as a number; if there is none, of its
-    first value; empty if the column is empty."""
+    first value. Blank cells are passed over; empty if all are blank."""
     valid = (_text_of(x) for x in column if x.is_valid)
     text = first_text = next(valid, "")
     while _reads_as_number(text):

@@ -64,7 +64,8 @@ def emit_monitor(out: Text, c: Context) -> None:
 
 
 def _scratch(c: Context) -> int:
-    """Number of components of the field SCRATCH that functions of `sepmc.routines.peaks` need."""
+    """Number of components of the field SCRATCH, the temporary memory of functions of
+    `sepmc.routines.peaks`: at least `PEAK_SCRATCH`, more the more pins a monitored guide has."""
     return max(
         [at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.output_guides)]
     )
