@@ -178,6 +178,7 @@ def compare(
     error_sizes: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
     """Compare the outcomes of the ok cases of two case tables; differences are second minus first.
+    Cases without an outcome are left out of its row.
 
     Parameters
     ----------
@@ -195,8 +196,8 @@ def compare(
     -------
     DataFrame, a row per outcome
         ``mean_one``, ``mean_two``, ``sigma_one``, ``sigma_two``; ``difference`` of the means (of
-        the pairs, if there are any) with its 95 % interval ``low``, ``high`` (Student's t, exact
-        for normal outcomes; for yes-or-no outcomes see `sepmc.analysis.proportions`), and the
+        the pairs, if there are two or more) with its 95 % interval ``low``, ``high`` (Student's t,
+        exact for normal outcomes; for yes-or-no outcomes see `sepmc.analysis.proportions`), and the
         number of ``pairs``, 0 for independent samples. ``below_error`` is True if there are
         differences within pairs, or between any two cases of independent samples, but none exceeds
         ``error_sizes``: ``difference``, ``low`` and ``high`` are then 0.

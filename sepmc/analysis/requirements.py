@@ -31,7 +31,7 @@ from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
-# Stored margins nearest to a bound; more of them within the numerical error leave no verdict.
+# Stored margins nearest to a bound; this many within the numerical error leave no verdict.
 _MAX_NEAR = 65536
 
 

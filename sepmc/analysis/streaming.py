@@ -79,7 +79,7 @@ class _BlockCounters:
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
         """Add a block of n cases: their numbers (n,), status codes (n,), and ``columns`` (k, n),
-        whose rows are the outcomes and then the audit columns."""
+        whose rows are the outcomes (NaN where a case has none) and then the audit columns."""
         counts = np.bincount(codes, minlength=len(self.by_code))
         self.by_code += counts
         ok: slice | np.ndarray = slice(None)

@@ -81,7 +81,7 @@ def scenarios(
     if resume and not (folder / BASELINE).is_dir():
         raise InputError(
             f"{folder}: has no run of the scenarios to resume; to start one, leave out "
-            "--resume and give a new folder"
+            "--resume and give --out a new folder"
         )
     if folder.exists() and not resume:
         raise InputError(f"{exists(folder)}; --resume runs its missing cases")

@@ -163,8 +163,8 @@ def _clipped(errors: pd.Series, floor: float) -> pd.Series:
 
 def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     """Draw error over kernel time per case, a line for each integration method and formulation, and
-    the default setting as a star; errors below a third of ``floor``, the resolution of the
-    reference, are drawn at that third."""
+    the default setting as a star. Errors below a third of ``floor``, the resolution of the
+    reference, are drawn at that third; rows whose error is not finite are left out of the lines."""
     figure, (ax,) = make_axes(1, 1, (7.6, 5.6))
     for (formulation, method), rows in (
         (map(str, key), rows) for key, rows in frame.groupby(["formulation", "method"], sort=False)

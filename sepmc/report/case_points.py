@@ -64,7 +64,7 @@ def case_points(
 def _points(cases: Mapping[str, Any], rows: np.ndarray, outcomes: Sequence[str]) -> np.ndarray:
     """Return the indices, in increasing order, of the rows of the case table to draw as dots, at
     most `MAX_POINTS`; ``rows`` are the indices of the ok rows, ``outcomes`` those whose extremes
-    are included."""
+    (of finite values) are included."""
     if len(rows) <= MAX_POINTS:
         return rows
     extremes = [np.empty(0, dtype=np.int64)]

@@ -205,7 +205,7 @@ _LACKS = "cases that lack a required outcome and count as violations (at the edg
 
 def _shown_rows(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the mask (n,) of the cases to draw as dots: the first 1,500, and those with the
-    extremes of ``x`` (n,) or ``y`` (n,)."""
+    extremes of the finite values of ``x`` (n,) or ``y`` (n,)."""
     mask = np.arange(len(x)) < _DOTS
     for values in (x, y):
         finite = np.flatnonzero(np.isfinite(values))

@@ -116,8 +116,8 @@ class Estimate:
 
     def _bound(self, k: int, error: np.ndarray, indicators: np.ndarray) -> np.ndarray:
         """Relative error (n,) of outcome ``k`` in n cases, from its weighted sum ``error`` (n,)
-        (`_sum`) and the indicators (n, g): raised by factor or offset, plus floor and direct
-        terms."""
+        (`_sum`) and the indicators (n, g): raised by factor or offset, whichever gives less (by the
+        offset if the factor is infinite), plus floor and direct terms."""
         error_bound = error + self.offset[k]
         if np.isfinite(self.factor[k]):
             error_bound = np.minimum(self.factor[k] * error, error_bound)
