@@ -22,6 +22,7 @@ from sepmc.routines.lanes import LANES, get3, larger, largest3
 from sepmc.routines.layout import GRAIN, PEAK_NODES
 
 COUNT = PEAK_NODES
+_NODES = tuple(range(COUNT))  # a loop over it is unrolled, so that it may run over a tuple
 # nodes at both ends and between, denser towards the ends
 _X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))
 THETA = 0.5 * (1.0 + _X)  # the same as fractions of the step
@@ -234,46 +235,34 @@ def magnitude(a):
 
 
 @formula
-def _weighted(weights, values):
-    """Return the sum of ``weights`` times ``values`` over the nodes (both tuples of 8 numbers)."""
-    start = weights[0] * values[0] + weights[1] * values[1] + weights[2] * values[2]
-    middle = start + weights[3] * values[3] + weights[4] * values[4] + weights[5] * values[5]
-    return middle + weights[6] * values[6] + weights[7] * values[7]
-
-
-@formula
 def _combined(weights, nodes):
-    """Return the weighted sum of the vectors at the nodes: ``weights`` is a tuple of 8 numbers,
-    ``nodes`` one of 8 vectors (tuples of 3)."""
-    a, b, c, d, e, f, g, h = nodes
-    return (
-        _weighted(weights, (a[0], b[0], c[0], d[0], e[0], f[0], g[0], h[0])),
-        _weighted(weights, (a[1], b[1], c[1], d[1], e[1], f[1], g[1], h[1])),
-        _weighted(weights, (a[2], b[2], c[2], d[2], e[2], f[2], g[2], h[2])),
-    )
+    """Return the weighted sum of the vectors at the nodes: ``weights`` is a tuple of COUNT numbers,
+    ``nodes`` one of COUNT vectors (tuples of 3)."""
+    x, y, z = 0.0, 0.0, 0.0
+    for i in _NODES:
+        x += weights[i] * nodes[i][0]
+        y += weights[i] * nodes[i][1]
+        z += weights[i] * nodes[i][2]
+    return x, y, z
 
 
 @formula
 def size_between(point, nodes):
     """Return the magnitude of the vector at a point (number 0 to 14) of the rule of Gauss and
-    Kronrod, interpolated from the vectors at the nodes (8 tuples of 3)."""
-    weights = (
-        BETWEEN[point, 0],
-        BETWEEN[point, 1],
-        BETWEEN[point, 2],
-        BETWEEN[point, 3],
-        BETWEEN[point, 4],
-        BETWEEN[point, 5],
-        BETWEEN[point, 6],
-        BETWEEN[point, 7],
-    )
-    return magnitude(_combined(weights, nodes))
+    Kronrod, interpolated from the vectors at the nodes (COUNT tuples of 3)."""
+    x, y, z = 0.0, 0.0, 0.0
+    for i in _NODES:
+        weight = BETWEEN[point, i]
+        x += weight * nodes[i][0]
+        y += weight * nodes[i][1]
+        z += weight * nodes[i][2]
+    return magnitude((x, y, z))
 
 
 @formula
 def truncation(nodes):
     """Return the size of the largest of the last coefficients of the three components, a measure of
-    the truncation error, from the vectors at the nodes (8 tuples of 3)."""
+    the truncation error, from the vectors at the nodes (COUNT tuples of 3)."""
     return largest3(_combined(_LAST, nodes))
 
 
@@ -312,26 +301,13 @@ def _is_end_summit(end, inner, slope):
 
 
 @formula
-def _has_summit(a, b, c, d, e, f, g, h):
-    """Return a positive number if the magnitude has a peak next to any node, else 0.0; ``a`` to
-    ``h`` are the magnitudes at the nodes."""
-    start, end = (
-        _weighted(_START_SLOPE, (a, b, c, d, e, f, g, h)),
-        _weighted(_END_SLOPE, (a, b, c, d, e, f, g, h)),
-    )
-    inner = _is_inner_summit(a, b, c) + _is_inner_summit(b, c, d) + _is_inner_summit(c, d, e)
-    inner += _is_inner_summit(d, e, f) + _is_inner_summit(e, f, g) + _is_inner_summit(f, g, h)
-    return inner + _is_end_summit(a, b, start) + _is_end_summit(h, g, end)
-
-
-@formula
 def update_by_nodes(nodes, fine, coarse, record, related, t, h):
     """Update the peak and the integral over time of a magnitude with a step, as far as the values
     at the nodes allow it. It has no branches, so that loops over lanes are vectorised.
 
     Parameters
     ----------
-    nodes : tuple of 8 tuples of 3 floats
+    nodes : tuple of COUNT tuples of 3 floats
         Vectors at the nodes.
     fine, coarse : float
         Mean magnitude over the step by the rules of Kronrod and Gauss.
@@ -353,40 +329,31 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
     has_summit : float
         1 if a peak may be between the nodes: `update_between` must search for it. Else 0.
     """
-    a, b, c, d, e, f, g, z = nodes
-    sizes = (
-        magnitude(a),
-        magnitude(b),
-        magnitude(c),
-        magnitude(d),
-        magnitude(e),
-        magnitude(f),
-        magnitude(g),
-        magnitude(z),
-    )
-    largest, theta = _higher(0.0, 0.0, sizes[0], _THETA[0])
-    largest, theta = _higher(largest, theta, sizes[1], _THETA[1])
-    largest, theta = _higher(largest, theta, sizes[2], _THETA[2])
-    largest, theta = _higher(largest, theta, sizes[3], _THETA[3])
-    largest, theta = _higher(largest, theta, sizes[4], _THETA[4])
-    largest, theta = _higher(largest, theta, sizes[5], _THETA[5])
-    largest, theta = _higher(largest, theta, sizes[6], _THETA[6])
-    largest, theta = _higher(largest, theta, sizes[7], _THETA[7])
+    first, second = magnitude(nodes[0]), magnitude(nodes[1])
+    before, last = first, second
+    smallest, largest, theta = _smaller(first, second), 0.0, 0.0
+    start_slope, end_slope, summits = 0.0, 0.0, 0.0
+    for i in _NODES:
+        size = magnitude(nodes[i])
+        largest, theta = _higher(largest, theta, size, _THETA[i])
+        start_slope += _START_SLOPE[i] * size
+        end_slope += _END_SLOPE[i] * size
+        if i > 1:
+            smallest = _smaller(smallest, size)
+            summits += _is_inner_summit(before, last, size)
+            before, last = last, size
+    summits += _is_end_summit(first, second, start_slope) + _is_end_summit(last, before, end_slope)
     peak, peak_time, integral = record
     active = 1.0 if h > GRAIN else 0.0
     is_higher = active if largest > _SAME * peak else 0.0
     peak = largest if is_higher > 0.0 else peak
     peak_time = t + theta * h if is_higher > 0.0 else peak_time
     tolerance = _AGREE * peak + _NOISE * larger(peak, related)
-    smallest = _smaller(_smaller(sizes[0], sizes[1]), _smaller(sizes[2], sizes[3]))
-    smallest = _smaller(smallest, _smaller(sizes[4], sizes[5]))
-    smallest = _smaller(smallest, _smaller(sizes[6], sizes[7]))
     is_rough = 0.0 if abs(fine - coarse) <= _ROUGH * largest else active
     is_rough = active if smallest < _DIP * largest else is_rough
     is_rough = is_rough if largest > 1e3 * tolerance else 0.0
     smooth = active if is_rough == 0.0 else 0.0
-    has_summit = _has_summit(*sizes)
-    has_summit = 1.0 if has_summit > 0.0 else 0.0
+    has_summit = 1.0 if summits > 0.0 else 0.0
     has_summit = has_summit if largest > NEAR * peak else 0.0
     return (
         (peak, peak_time, integral + h * fine if smooth > 0.0 else integral),

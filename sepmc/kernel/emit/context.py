@@ -161,25 +161,21 @@ class Context:
         joint loads."""
         return self.monitors_outputs(segment) or bool(segment.loads)
 
-    def wrenches_from_rates(self, segment: Segment) -> bool:
-        """True if loads are monitored in a segment and the kernel function of its derivative stores
-        them: not where pins with loads as outputs slide, or loads need a minimum-norm solution."""
-        plain = not segment.needs_min_norm and not any(
-            map(segment.sliding_kinds, self.output_guides)
-        )
-        return self.monitors_loads(segment) and plain
-
     def alias_of(self, segment: Segment) -> str:
         """Name of the next segment if its derivative and projection serve this one too
-        (`Segment.alias_of`) and both need the same loads; else ""."""
+        (`Segment.alias_of`), and so do its joint loads; else ""."""
         after = next((one for one in self.spec.segments if one.name == segment.alias_of), None)
         if after is None:
             return ""
-        equal = (self.wrenches_from_rates(segment), self.spec.friction_joints(segment)) == (
-            self.wrenches_from_rates(after),
-            self.spec.friction_joints(after),
+        loads, loads_after = (
+            (
+                self.monitors_loads(one),
+                self.spec.friction_joints(one),
+                [one.sliding_kinds(joint) for joint in self.output_guides],
+            )
+            for one in (segment, after)
         )
-        return after.name if equal else ""
+        return after.name if loads == loads_after else ""
 
     def emit_alias(self, out: Text, segment: Segment, function: str) -> bool:
         """Write, for a segment with an alias (`alias_of`), the kernel function

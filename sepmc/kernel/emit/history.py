@@ -100,7 +100,7 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     text.lanes()("w[LENGTH + l] = w[STEP + l]")
     stages = (0, *rk.within)
     for number, i in enumerate(stages):
-        restore_stage(text, rk, i)
+        restore_stage(text, rk, i, "SIZE_Y")
         text.components("SIZE_Y")(f"w[D + e + l] = w[K{i + 1} + e + l]")
         _store_point(text, c, number)
     text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
@@ -230,9 +230,10 @@ def _emit_full_history(out: Text, c: Context) -> None:
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
     c.workspace.add("WITHIN", 1)
     text = text.block("if n_rows > 0.0:")
-    text("interpolate(w, phase)")
     for number, segment in enumerate(c.spec.segments):
-        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{segment.name}(w)")
+        text.block(f"{'elif' if number else 'if'} phase == {number}:")(
+            f"interpolate_{segment.name}(w)", f"row_{segment.name}(w)"
+        )
     inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block(
         "if w[WITHIN + l] > 0.0:"
     )

@@ -210,7 +210,8 @@ def _head(c: Context) -> Text:
     for rk in c.used.values():
         head(
             "",
-            f"# {rk.name}, order {rk.order}: stage matrix A, weights B, error weights E, nodes C.",
+            f"# {rk.name}, order {rk.order}: stage matrix A, weights B, error weights E, nodes C; "
+            "of its extension also D.",
             *coefficients(rk, c.has_extension and rk is c.extended),
         )
     if any(segment.events for segment in c.spec.segments) and "rk4" not in c.used:
@@ -223,9 +224,6 @@ def _head(c: Context) -> Text:
                 for name in c.used
             )
         )
-    if c.has_extension:
-        head("# Continuous extension: coefficients by powers of the fraction of a step.")
-        head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")
     head("", "# Workspace fields of a block of cases, and offsets of bodies in a state.")
     head(
         *c.workspace.lines(),

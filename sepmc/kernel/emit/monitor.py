@@ -11,6 +11,7 @@ import math
 from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import guide_loads, reset_guides, update_guides
+from sepmc.kernel.emit.signals import reject_undefined
 from sepmc.kernel.emit.steps import emit_cut_attitudes
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.kernel.spec.kernel_spec import ANY_PHASE, Event, Segment
@@ -39,7 +40,7 @@ def emit_monitor(out: Text, c: Context) -> None:
     numbers = c.node_size
     c.workspace.add("WRENCHES", at.PEAK_NODES * numbers), c.workspace.add("SCRATCH", _scratch(c))
     for segment in segments.values():
-        if not c.wrenches_from_rates(segment):
+        if not c.emit_alias(out, segment, "wrenches"):
             _emit_wrenches(out, c, segment)
     text = out.function(
         "node_loads(w, phase: int)",
@@ -47,11 +48,9 @@ def emit_monitor(out: Text, c: Context) -> None:
     )
     inner = text.block(f"for i in range({at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
-    inner("interpolate(w, phase)")
     for offset, (number, segment) in enumerate(segments.items()):
-        function = "rates" if c.wrenches_from_rates(segment) else "wrenches"
         inner.block(f"{'elif' if offset else 'if'} phase == {number}:")(
-            f"{function}_{segment.name}(w)"
+            f"interpolate_{segment.name}(w)", f"wrenches_{segment.name}(w)"
         )
     inner.components(f"{numbers} * LANES")(
         f"w[WRENCHES + i * {numbers} * LANES + e + l] = w[WRENCH + e + l]"
@@ -215,7 +214,7 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
         )
     inner(*sides)
     inner = text.block("if any_reached > 0.0:")
-    inner(f"interpolate(w, {number})")
+    inner(f"interpolate_{segment.name}(w)")
     inner.components(f"{c.spec.active_size(segment)} * LANES")(
         "w[Y + e + l] = w[S + e + l] if w[CUT + l] > 0.0 else w[Y + e + l]"
     )
@@ -232,8 +231,8 @@ def load_side(segment: Segment, load: Event) -> str:
 
 def _emit_wrenches(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``wrenches_SEGMENT(w)``, which stores the monitored loads of joints
-    and guides at the state S into the field WRENCH, for a segment whose derivative function does
-    not store them (`Context.wrenches_from_rates`)."""
+    and guides at the state S into the field WRENCH, and ends cases in which a formula is undefined
+    there. It is not part of the derivative, which is evaluated more often than the loads."""
     docstring = (
         "Force and moment of every monitored joint at the state S and the times CLOCK, in axes "
         "of its first body, into WRENCH"
@@ -249,4 +248,6 @@ def _emit_wrenches(out: Text, c: Context, segment: Segment) -> None:
             guide_loads(s, motion, joint) if segment.sliding_kinds(joint) else []
         ):
             s.scope.store(component("WRENCH", first + 3 * k), vector)
+    if c.spec.formulas.used:
+        reject_undefined(s)
     s.scope.write(text)

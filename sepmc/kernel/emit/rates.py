@@ -7,7 +7,6 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import before_motion, make_motion
 from sepmc.kernel.emit.signals import reject_undefined, signals_of
 from sepmc.kernel.emit.tables import emit_look_up
-from sepmc.kernel.emit.wrenches import store_wrenches
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import quat
 from sepmc.kernel.tracer.text import Text
@@ -29,8 +28,7 @@ def emit_rates(out: Text, c: Context) -> None:
 def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``rates_SEGMENT(w)``, which computes the derivative D of the state
     S in a segment (motion, work of the loads, states of signals) and ends cases in which a
-    formula is undefined (status undefined-formula); it may also store the monitored joint loads
-    (`Context.wrenches_from_rates`)."""
+    formula is undefined (status undefined-formula)."""
     properties = [
         " and ".join(group) + " rotate as one rigid group"
         for group in segment.groups
@@ -58,6 +56,4 @@ def _emit_rates(out: Text, c: Context, segment: Segment) -> None:
             s.scope.store(f"D + {state_offset(first + k)}", rate)
     if c.spec.formulas.used:
         reject_undefined(s)
-    if c.wrenches_from_rates(segment):
-        store_wrenches(s, motion)
     s.scope.write(text)

@@ -40,27 +40,32 @@ _BEYOND = 0.55
 def coefficient(rk: Method, kind: str, *numbers: int) -> str:
     """Name of the kernel's constant for a coefficient of a method, such as DOP853_A_2_1.
 
-    ``kind`` is A (stage matrix), B (weights), C (nodes) or E (error weights); ``numbers`` are the
-    indices of the coefficient, which count from 0, in the name from 1.
+    ``kind`` is A (stage matrix), B (weights), C (nodes), D (extension) or E (error weights);
+    ``numbers`` are the indices of the coefficient, which count from 0, in the name from 1. Those of
+    D are of the power, from the first on, and of the stage.
     """
     return f"{rk.name.upper()}_{kind}{'_'.join(str(number + 1) for number in numbers)}"
 
 
 def coefficients(rk: Method, extends: bool) -> list[str]:
     """Lines of code that define, as constants of a kernel, the nonzero coefficients of a method;
-    with ``extends`` also those of the stages that only its continuous extension needs."""
+    with ``extends`` also those of its continuous extension."""
     rows = len(rk.a) if extends else rk.stages
     values = {coefficient(rk, "A", i, j): rk.a[i, j] for i in range(1, rows) for j in range(i)}
     values |= {coefficient(rk, "B", j): rk.b[j] for j in range(rk.stages)}
     values |= {coefficient(rk, "E", j): rk.error_weights[j] for j in range(rk.stages)}
     values |= {coefficient(rk, "C", i): rk.c[i] for i in range(1, rows)}
+    if extends:
+        by_power = enumerate(rk.dense.T[1:])
+        values |= {coefficient(rk, "D", q, j): d for q, row in by_power for j, d in enumerate(row)}
     return [f"{name} = {float(value)!r}" for name, value in values.items() if value]
 
 
-def restore_stage(text: Text, rk: Method, i: int) -> None:
+def restore_stage(text: Text, rk: Method, i: int, size: str) -> None:
     """Append lines that compute again the state S and the time CLOCK of stage ``i`` (from 0) of the
-    step just made from BEGIN, from the stored derivatives of the stages before it."""
-    inner = text.components("SIZE_Y")
+    step just made from BEGIN, from the stored derivatives of the stages before it; ``size`` is the
+    code of the number of components of the state times LANES."""
+    inner = text.components(size)
     used = [j for j in range(i) if rk.a[i, j] != 0.0]
     if not used:
         inner("w[S + e + l] = w[BEGIN + e + l]")
@@ -235,12 +240,12 @@ def _extends(text: Text, c: Context) -> None:
         if c.needs_interpolation(one)
     ]
     if len(where) == len(c.spec.segments):
-        text("make_extension(w, phase)")
+        text("make_extension(w, phase, size)")
         return
     if c.history == FULL_HISTORY:
         where.append("w[WANTS_ROWS] > 0.0")
     if where:
-        text.block(f"if {' or '.join(where)}:")("make_extension(w, phase)")
+        text.block(f"if {' or '.join(where)}:")("make_extension(w, phase, size)")
 
 
 def emit_event_polish(out: Text, c: Context) -> None:

@@ -36,7 +36,6 @@ _TAKEN |= {
     "advance",
     "compute_outcomes",
     "finish_step",
-    "interpolate",
     "make_extension",
     "monitor_loads",
     "note_indicators",
