@@ -11,13 +11,14 @@ _EXACT = 2.0**53  # a float holds integers exactly up to this
 
 
 def scalars(counter: Any) -> np.ndarray:
-    """Return the numeric attributes of an accumulator as one array (k,), in the order in which they
-    were first set; integers are exact up to 9e15."""
+    """Return the attributes of an accumulator that are single numbers as one array (k,), in the
+    order in which they were first set; integers are exact up to 9e15."""
     return np.array(list(_scalars(counter).values()), dtype=np.float64)
 
 
 def set_scalars(counter: Any, numbers: np.ndarray) -> None:
-    """Set the numeric attributes of an accumulator to ``numbers`` (k,), which `scalars` returned.
+    """Set the attributes of an accumulator that are single numbers to ``numbers`` (k,), which
+    `scalars` returned; each keeps its type.
 
     Raises
     ------

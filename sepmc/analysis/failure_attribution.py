@@ -238,10 +238,11 @@ def _attribution(
 ) -> Attribution | None:
     """Build the attribution to an input, or to a pair of inputs (``partition_of`` has one or two).
 
-    Its region is the part or cell of most information among those with more violations than
-    average. For a pair, the odds of a violation in the cell must also be at least 1.5 times those
-    in the rest of either part. None if there is no such part or cell. ``information_fraction`` and
-    ``chance`` become fields of the attribution; ``violates`` (n,) is a mask.
+    Its region is the part or cell with the most information, of those in which a larger fraction
+    of the cases violates than of all n cases. For a pair, the odds of a violation in the cell must
+    also be at least 1.5 times those in the rest of either part. None if there is no such part or
+    cell. ``information_fraction`` (clipped to 0 to 1) and ``chance`` become fields of the
+    attribution; ``violates`` (n,) is a mask.
     """
     shape = tuple(partition.number for partition in partition_of.values())
     cells = np.ravel_multi_index([partition.index for partition in partition_of.values()], shape)

@@ -15,6 +15,8 @@ _BAR, _BOUND, _MARK = "#a9cdea", "#009E73", "#D55E00"
 def histogram_svg(histogram: Histogram | None, bounds: Sequence[float] = ()) -> str:
     """Return a histogram as SVG, with vertical lines at the required bounds within its range.
 
+    Adjacent bins are added together so that there are at most 30 bars.
+
     Parameters
     ----------
     histogram : Histogram or None
@@ -53,7 +55,8 @@ def position_svg(value: float, low: float, high: float) -> str:
 
 
 def _line(share: float, colour: str) -> str:
-    """Return the SVG path of a vertical line at a fraction of the width, ``share``, 0 to 1."""
+    """Return the SVG path of a vertical line at the fraction ``share`` of the width, 0 (left) to 1
+    (right), with the stroke ``colour``."""
     x = 1.0 + (_WIDTH - 2.0) * share
     return f'<path stroke="{colour}" stroke-width="2" d="M{x:.1f} 0V{_HEIGHT}"/>'
 

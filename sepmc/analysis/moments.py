@@ -11,9 +11,11 @@ class Group(NamedTuple):
     """Moments of a group of ``n`` values of an outcome.
 
     ``case_min`` and ``case_max`` are the first cases with the extremes ``min_value`` and
-    ``max_value``; ``infinite`` is the sum of the infinite values. ``finite`` is the number of
-    finite values, ``mean`` their mean, and ``powers`` the sums of the second, third and fourth
-    powers of their deviations from it, in units of ``scale`` (their range, if not 0).
+    ``max_value``, which may be infinite; ``infinite`` is the sum of the infinite values: 0 if there
+    are none, NaN if they have both signs. ``finite`` is the number of finite values and ``mean``
+    their mean, in the unit of the values. ``powers`` are the sums of the second, third and fourth
+    powers of their deviations from the mean, divided by ``scale``: their range or, if that is 0,
+    their size, at least 1. Without finite values, ``scale``, ``mean`` and ``powers`` are 0.
     """
 
     n: int
@@ -66,7 +68,9 @@ class Moments:
     Sums of powers are taken about the mean of each group and merged (Pebay, SAND2008-6212), in
     units of the first group's range: no digits are lost where the mean is large compared with
     sigma, and the fourth power neither overflows nor underflows. The same groups in the same order
-    give the same bits.
+    give the same bits. ``n`` is the number of values, ``min_value`` and ``max_value`` are the
+    extremes (inf and -inf without values), and ``case_min`` and ``case_max`` the first cases that
+    have them (-1 without values).
     """
 
     def __init__(self) -> None:
@@ -103,8 +107,9 @@ class Moments:
         )
 
     def _combine(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
-        """Add ``n`` finite values with their mean and the sums of powers 2 to 4 of the deviations
-        from it, in units of ``_scale``, by equations (3.1) of Pebay."""
+        """Add ``n`` finite values, given by their ``mean`` and the sums ``m2``, ``m3`` and ``m4`` of
+        the powers 2 to 4 of their deviations from it, all in units of ``_scale``, by equations
+        (3.1) of Pebay."""
         a, both = self._count, self._count + n
         if a == 0:
             self._count, self._mean, self._m2, self._m3, self._m4 = n, mean, m2, m3, m4

@@ -141,9 +141,10 @@ class ValueList(list[np.ndarray]):
 
 
 class _Grid:
-    """Counts of values in bins laid out for a ``sample``: equal bins over the bulk of the
-    distribution, growing bins in its tails. A value that is frequent in the sample is an atom, and
-    is reported exactly."""
+    """Counts of values in bins laid out for a ``sample``, which is not counted itself: equal bins
+    over the bulk of the distribution, growing bins in its tails. A value that the sample contains
+    more than 65 times is an atom, and is reported exactly. Infinite values in the sample are
+    ignored."""
 
     def __init__(self, sample: np.ndarray):
         x = np.sort(sample[np.isfinite(sample)])

@@ -316,22 +316,25 @@ class Verdict:
         ``violations`` is at most ``allowed``.
     share_low, share_high : float
         95 % Clopper-Pearson interval of the violation probability: its lower end with none, its
-        upper end with all of the unknown cases counted as violations.
+        upper end with all of the unknown cases counted as violations; 0 and 1 without cases.
     share_at_least, share_at_most : float
         One-sided bounds of the violation probability, each with the confidence of the requirement,
         with none and with all of the unknown cases counted as violations.
     design_value : float, optional
         Value that bounds the required fraction of all cases with the confidence, in the unit of the
         outcome; with two bounds, such a value of the margin to the nearer one, negative beyond it.
-        None for a status and for too few cases.
+        None for a status or `VIOLATION`, for too few cases, and if the value is infinite.
     worst, worst_case : float, int, optional
         Worst value of the outcome and its case; for a status, a yes-or-no outcome or `VIOLATION`
-        None and the first violating case (the first unknown one if none violates).
+        None and the first violating case (the first unknown one if none violates). None if there
+        is no such value or case.
     first_missing : int, optional
         First unknown case; None if there is none.
     nearest, error : float, optional
         Smallest distance of a case from a bound, on either side, and the numerical error of the
-        outcome at the bound; None where there is none, as for `VIOLATION`.
+        outcome at the bound, both in its unit. ``nearest`` is None for a status or `VIOLATION` and
+        if no case has the outcome. ``error`` is 0 for a status or a yes-or-no outcome, and None for
+        `VIOLATION` and if it is not known.
     """
 
     name: str
@@ -383,7 +386,7 @@ def design_value(
     Returns
     -------
     float
-        NaN for a requirement on a status, and with too few cases.
+        NaN for a requirement on a status or on `VIOLATION`, and with too few cases.
     """
     item = counter.requirement
     if item.at_least is item.at_most is None:  # on a status

@@ -61,7 +61,8 @@ def matching_rows(
     terms : sequence of str
         Each term is a comparison such as ``joint.pins.fails=1`` or ``initial.alpha_deg>5``, or
         several of them joined by ``or``. A name with wildcards, as in ``spring.*.fails=1``, is
-        satisfied if any matching column is.
+        satisfied if any matching column is. A missing outcome, NaN, satisfies ``!=`` and no other
+        comparison. Without terms all cases satisfy the filter.
 
     Returns
     -------

@@ -190,10 +190,12 @@ def histogram_of(
     high: float,
     count: Callable[[np.ndarray], np.ndarray],
 ) -> Histogram:
-    """Build a histogram with 2 n^(1/3) bins (8 to 60) of equal width from ``low`` to ``high``.
+    """Build a histogram of ``n`` finite values with 2 n^(1/3) bins (8 to 60) of equal width, from
+    their minimum ``low`` to their maximum ``high``.
 
-    ``count`` maps increasing edges (k + 1,) to the numbers (k,) of values between them. The
-    histogram has no bins, and the sigma 0 (NaN for one value), if the values are equal to 1e-12.
+    ``mean`` and ``sigma`` become fields of the histogram. ``count`` maps increasing edges (k + 1,)
+    to the numbers (k,) of values between them. The histogram has no bins, and the sigma 0 (NaN for
+    one value), if the values are equal to a relative 1e-12.
     """
     # a smaller range is round-off, and edges of bins would coincide
     if not high - low > 1e-12 * max(abs(low), abs(high)):
@@ -204,7 +206,8 @@ def histogram_of(
 
 def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dict[str, object]:
     """Return the row of `statistics`, as a dict by column, of an outcome from its values and case
-    numbers in the ok cases, each (n_ok,); only ``n`` if all values are NaN."""
+    numbers in the ok cases, each (n_ok,); only ``n`` if all values are NaN. ``confidence`` is that
+    of the intervals of percentiles."""
     present = ~np.isnan(values)
     x, numbers = values[present], numbers[present]
     if x.size == 0:
@@ -286,7 +289,9 @@ def _reference_columns(
     reference: Mapping[str, Mapping[str, float]],
 ) -> dict[str, np.ndarray]:
     """Return the columns ``ref_*`` of reference values and ``dev_*`` of deviations from them, each
-    (n_outcomes,); values that the reference does not contain give NaN."""
+    (n_outcomes,). ``data`` are the columns of `statistics`, from which the reference is subtracted.
+    Values that the reference does not contain give NaN; so do deviations if it contains no sigma
+    above 0."""
     known = {
         name: np.array(
             [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]

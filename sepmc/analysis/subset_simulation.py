@@ -166,12 +166,13 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the probability of a negative margin."""
+        """Ends (low, high) of the 95 % interval of the probability of a negative margin."""
         return self._interval(self.known)
 
     @property
     def interval_with_unknown(self) -> tuple[float, float]:
-        """95 % interval of the probability that a case has a negative margin or no margin."""
+        """Ends (low, high) of the 95 % interval of the probability that a case has a negative
+        margin or no margin."""
         return self._interval(self.known + self.unknown)
 
     def _interval(self, estimates: np.ndarray) -> tuple[float, float]:

@@ -139,7 +139,8 @@ class SurrogateMove:
     def propose(
         self, scores: np.ndarray, _: np.ndarray, length: float, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Run a chain on the surrogate from each of the ``scores`` (n, d).
+        """Run a chain on the surrogate from each of the ``scores`` (n, d). The second argument, the
+        residuals of the particles, is not used.
 
         ``length``, up to 1, is the fraction of the largest number of steps that is made. Return the
         scores (n, d) at the ends of the chains and the logarithms (n,) of the proposal ratio, which
@@ -169,8 +170,8 @@ class SurrogateMove:
 
     def log_ratio(self, _: np.ndarray, log_ratio: np.ndarray) -> np.ndarray:
         """Return the logarithm (n,) of the density of proposing the start from the end over that of
-        proposing the end from the start, for the acceptance of `propose`; a copy of its second
-        result."""
+        proposing the end from the start. `propose` computed it: ``log_ratio`` is its second result,
+        of which a copy is returned. The first argument, the ends of the chains, is not used."""
         return log_ratio.copy()
 
     def _log_likelihood(self, values: np.ndarray) -> np.ndarray:

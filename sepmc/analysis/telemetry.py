@@ -571,9 +571,12 @@ def _run_times(time: np.ndarray, shifts: np.ndarray | float) -> np.ndarray:
 def _mean_squares(
     samples: Samples, curves: Sequence[_Curves], shifts: np.ndarray | float
 ) -> np.ndarray:
-    """Return for each case the weighted mean square (n,) of its differences from all ``samples``,
-    (time, value) for each channel, at one clock shift or one for each case, s; NaN if the case has
-    no value at their times."""
+    """Return for each case the weighted mean square (n,) of its differences from the flight.
+
+    ``samples`` are (times by the flight's clock, s; values) of each channel, and ``curves`` the
+    histories of the cases for each channel, both in units of its scale. ``shifts`` is one clock
+    shift, or one for each case (n,), s. NaN if a case has no value at any of the times.
+    """
     total = count = np.zeros(len(curves[0].values))
     for (time, flight), own in zip(samples, curves, strict=True):
         residual, weights = own.differences(time, flight, shifts)
@@ -588,7 +591,7 @@ def _variance(
     """Return the variance, s^2, of the best ``shift`` (1,) of a single case, and the number of
     independent samples.
 
-    Residuals that are correlated in time count as fewer, by their correlation from one sample to
+    ``samples`` and ``curves``, of this case alone, are as for `_mean_squares`. Residuals that are correlated in time count as fewer, by their correlation from one sample to
     the next. The variance is infinite if the case does not change over time or has fewer than three
     samples.
     """

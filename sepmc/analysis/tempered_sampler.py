@@ -213,9 +213,10 @@ class _GlobalMove:
     def propose(
         self, scores: np.ndarray, _: np.ndarray, length: float, random: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return proposals (n, d) from ``scores`` (n, d), and their squared Mahalanobis distances
-        (n,) from the mean, which `log_ratio` takes. ``length``, above 0 and up to 1, is the size of
-        the move: at 1 the direction of a proposal from the mean does not depend on the scores."""
+        """Return proposals (n, d) from ``scores`` (n, d), and the squared Mahalanobis distances
+        (n,) of the ``scores`` from the mean, which `log_ratio` takes. ``length``, above 0 and up to
+        1, is the size of the move: at 1 the direction of a proposal from the mean does not depend
+        on the scores. The second argument, the residuals, is not used."""
         size, dimensions = scores.shape
         distance = self._distance(scores)
         scale = 0.5 * (_FREEDOM + distance)

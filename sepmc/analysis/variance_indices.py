@@ -121,8 +121,10 @@ def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str) -> np.ndarray:
-    """Return the mask (n,) of independent cases: all cases, but of each group of a Saltelli design
-    only the first and the last. ``inputs`` is the number of dispersed inputs."""
+    """Return the mask (n,) of cases that are independent of one another: with the ``sampler``
+    "saltelli" the first and the last of each group of the design, with any other all cases.
+    ``inputs`` is the number of dispersed inputs; rows are numbered from 0 if ``cases`` has no
+    column ``case``."""
     count = len(cases["status"])
     if sampler != SALTELLI:
         return np.ones(count, dtype=bool)

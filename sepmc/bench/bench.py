@@ -130,7 +130,8 @@ def _parts(
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Measure every part one after the other; print it and write it to the folder as soon as it is
     complete. Return the content of ``bench.json`` and the tables by name of the part. ``history``
-    is the interval of history rows, s."""
+    is the interval of history rows, s; 0: the scene has no histories. ``peers`` is that of `bench`;
+    None leaves out the part."""
     results: dict[str, Any] = {
         "campaign": study.campaign.name,
         "digest": study.campaign.digest,

@@ -35,7 +35,8 @@ def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[st
     """Return the trials of each kind of change, by its description. A trial is a pair of functions:
     the first, without arguments, integrates cases under the change and returns their results; the
     second takes the results of all cases, integrated without it, and selects those of the same
-    cases, in the same order. Both must be equal. ``inputs`` (n, d) are those of all cases, SI."""
+    cases, in the same order. Both must be equal. ``variant`` has the kernel and the steps;
+    ``inputs`` (n, d) are those of all cases, SI."""
 
     def all_of(rows: RowBatch) -> RowBatch:
         """Return all rows."""

@@ -102,7 +102,8 @@ def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
 
 
 def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
-    """Run a campaign in this fresh process and return the time of each of its stages by name, s.
+    """Run ``cases`` cases of the campaign ``file`` on ``threads`` threads in this fresh process;
+    return the time of each stage by name, s.
 
     The stages are ``import`` (timed in another process), ``load kernel`` (from the cache), ``select
     steps`` (anew), ``load steps`` (from the cache), ``sample``, ``kernel``, ``write`` and

@@ -21,7 +21,7 @@ class Reference:
     Attributes
     ----------
     outcomes : ndarray, shape (n, o)
-        SI.
+        Outcomes of the cases, SI.
     valid : ndarray, shape (n,), bool
         Cases that ended with status ok.
     how, setting : str

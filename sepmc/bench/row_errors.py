@@ -19,8 +19,11 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
         ``case``; the estimated ``error``; ``true_error``, the largest of the outcomes, without
         times and positions of extremes; and the ``outcome`` that has it.
     summary : dict of str to float
-        Number of cases and of refined ones, largest errors, and quantiles of the true over the
-        estimated error.
+        ``cases`` in the table; ``flown_again`` and ``by_another_kernel``, the numbers of cases that
+        were refined and that a fallback kernel integrated; ``largest_error`` (estimated) and
+        ``largest_true_error``; ``true_over_told_1_percent``, ``_median`` and ``_99_percent``,
+        quantiles over the cases of the true over the estimated error, NaN without cases, and
+        ``true_over_told_most``, its maximum.
     """
     block, names = study.default.fly(study.inputs), np.array(study.names)
     rows = np.flatnonzero(block.has_outcomes & reference.valid[: len(block.status)])

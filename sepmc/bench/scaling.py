@@ -95,8 +95,9 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
 def run_campaign(
     tree: dict[str, Any], name: str, cases: int, threads: int, repeats: int
 ) -> dict[str, float]:
-    """Run a campaign ``repeats`` times in this process, statistics only; return the median times of
-    kernel and sampling, s, and the peak memory, MB: ``kernel_s``, ``sample_s``, ``peak_MB``."""
+    """Run ``cases`` cases of a campaign ``repeats`` times in this process, statistics only; return
+    the median times of kernel and sampling, s, and the peak memory, MB: ``kernel_s``, ``sample_s``,
+    ``peak_MB``. ``tree`` and ``name`` are the content and name of the campaign file."""
     campaign = Campaign(parse_campaign(tree, name))
     campaign.run(1, threads=threads, stats_only=True, announce=no_log)
     timings = [

@@ -53,7 +53,8 @@ def own_variants(study: Study, reference: Reference) -> list[SolverVariant]:
 def _without_reference(
     reference: Reference, study: Study, variants: list[SolverVariant]
 ) -> list[SolverVariant]:
-    """Return the variants without the one that made the reference."""
+    """Return the variants without the one that made the reference: the same formulation, method
+    and steps in words."""
     known = (study.formulation, METHOD, reference.setting)
     return [v for v in variants if (v.formulation, v.method, v.setting) != known]
 

@@ -41,9 +41,11 @@ class Allocation:
         and ``high`` of its range (mean +- 3 sigma without truncation). For halving, ``half`` is the
         change of the probability of a violation, ``half_low`` and ``half_high`` its 95 % interval
         (paired), and ``half_passes`` is True if that run shows all requirements; ``double``, ...
-        for doubling. ``note`` is the reason why a spread cannot be scaled; the change is NaN then.
+        for doubling. ``note`` is the reason why a spread cannot be scaled, else empty; the change
+        and its interval are NaN then, and ``half_passes`` or ``double_passes`` is None.
     probability : float
-        Probability of a violation of any requirement, in the run of the unchanged campaign.
+        Fraction of the cases, in the run of the unchanged campaign, that violate any requirement or
+        whose result on one is unknown.
     passes : bool
         True if that run shows all requirements: every verdict is pass.
     factors : dict of str to float
@@ -52,7 +54,7 @@ class Allocation:
         The proposal as settings for `Campaign.with_settings`: distributions by TOML path.
     shown : bool
         True if a run of the proposal with another seed shows all requirements. If ``factors`` is
-        empty, it is a run of the unchanged campaign.
+        empty, it is a run of the unchanged campaign. False if nothing was run.
     verdicts : DataFrame or None
         Verdicts of that run, at the raised confidence; None if no proposal was run.
     cases, seed : int
@@ -108,7 +110,7 @@ def allocate(
     ----------
     campaign : Campaign
     cases, seed : int, optional
-        Of every run of the table; those of the file if None.
+        Number of cases and seed of every run of the table; those of the file if None.
     threads : int, optional
         As for `Campaign.run`.
     announce : callable (text), optional

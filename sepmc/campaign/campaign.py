@@ -461,7 +461,8 @@ class Campaign(Definition):
         self, folder: Path | None, spec: SampleSpec, resume: bool, options: ExecutionOptions
     ) -> Result:
         """Run the cases of ``spec`` into ``folder``, which is open for writing, or in memory if it
-        is None. With ``resume``, run only the cases that the folder does not contain yet."""
+        is None; ``options`` are those of `run`, checked. With ``resume``, run only the cases that
+        the folder does not contain yet; it has no effect without a folder."""
         seed, numbers = spec.seed, spec.numbers
         stats_only, announce, executor, stop = (
             options.stats_only,
@@ -672,6 +673,7 @@ def _check_executor(
 
 
 def _warn(notes: list[str], announce: Log | None) -> None:
-    """Issue each note as a `RunWarning` if ``announce`` is None; otherwise do nothing."""
+    """Issue each note as a `RunWarning` if ``announce`` is None; otherwise do nothing, as the notes
+    are part of the result."""
     for note in notes if announce is None else ():
         warn(note, RunWarning)

@@ -133,7 +133,8 @@ class CaseSelection:
             start, end = end, 2 * end
 
     def split(self, size: int) -> Iterator[tuple[int, int]]:
-        """Yield the selection as ranges (first, end) of at most ``size`` cases, in order."""
+        """Yield the selection as ranges (first, end), without ``end``, of at most ``size``
+        consecutive cases, in order."""
         for first, end in self.ranges:
             for start in range(first, end, size):
                 yield start, min(start + size, end)

@@ -140,8 +140,8 @@ def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
-    """Return the reason why a sampler cannot sample its number of cases with ``dimensions``
-    dispersed parameters, as text that follows ``cases = N:``; empty if it can."""
+    """Return the reason why the sampler of ``sampling`` cannot sample its number of cases with
+    ``dimensions`` dispersed parameters, as text that follows ``cases = N:``; empty if it can."""
     size = dimensions + 2
     if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
         max_cases = DESIGN_NUMBERS // dimensions

@@ -186,8 +186,8 @@ class DesignBox(Definition):
         return box
 
     def layout_of(self, definition: Definition) -> ParameterLayout:
-        """Return the parameter layout of the box, with the nominal values of a campaign that has
-        the same parameters, such as one of `ends`."""
+        """Return the parameter layout of the box, with the nominal values of ``definition``, a
+        campaign that has the same parameters, such as one of `ends`."""
         return make_parameter_layout(definition.scene, self.dispersed)
 
     @cached_property
@@ -221,8 +221,9 @@ class DesignBox(Definition):
         return designs
 
     def values_of(self, design: Any) -> list[Any]:
-        """Return the values of a design, which is a dict by key or already in order, in the order
-        of the variables. Raises InputError if a key is missing or not varied."""
+        """Return the values of a ``design`` in the order of the variables. A dict has them by key
+        of the variable; a number or a sequence is taken to be in this order, and its length is not
+        checked. Raises InputError if a key of the dict is missing or not varied."""
         if not isinstance(design, Mapping):
             return list(np.atleast_1d(design))
         keys = [v.key for v in self.variables]

@@ -317,7 +317,8 @@ class DesignSearch:
             frames.append(run(np.setdiff1d(closer.ravel(), x)[:, None]))
 
     def _by_root(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
-        """Refine the search of one variable from the cheapest accepted design in ``table``.
+        """Refine the search of one variable from the accepted design in ``table`` that is cheapest,
+        which has the smallest value of ``goal``.
 
         The costs of a design are known without a run. If a design between the two neighbours of
         that one in ``table`` costs less, the cheapest of them is run. If it is not accepted, the
@@ -377,9 +378,10 @@ class DesignSearch:
         return low, np.array([one.high for one in self.variables]) - low
 
     def _by_steps(self, run: Run, goal: Goal, table: pd.DataFrame) -> None:
-        """Refine the search of several variables by COBYLA of scipy, from the cheapest accepted
-        design in ``table``, or the one with the largest margin if none is accepted. Results are
-        stored by ``run``. The largest of the terms of a goal is an additional variable."""
+        """Refine the search of several variables by COBYLA of scipy, from the accepted design in
+        ``table`` with the smallest value of ``goal``, or from the one with the largest margin if
+        none is accepted. Results are stored by ``run``, and nothing is returned. If the goal has
+        terms (`Goal.terms`), the largest of them is an additional variable."""
         from scipy.optimize import minimize  # noqa: PLC0415
 
         low, span = self._ranges

@@ -115,7 +115,7 @@ class Estimation:
 
     def density_at(self, scores: np.ndarray) -> float:
         """Return the logarithm of the posterior density of normal scores (d,) of parameters and
-        delays, except for an unknown constant."""
+        delays, except for an unknown constant; NaN if the case has no value at a sample."""
         residuals = self.model.residuals(scores[None])[0]
         return float(-0.5 * (residuals**2).sum() - 0.5 * (scores**2).sum())
 
@@ -405,7 +405,8 @@ def _tolerance(channel: MeasuredChannel) -> float:
 def _sigma_notes(
     campaign: "Campaign", channels: Sequence[MeasuredChannel], check: ModelCheck
 ) -> list[str]:
-    """Return a note for each channel whose residuals are much smaller than its stated sigma."""
+    """Return a note for each channel whose residuals are much smaller than its stated sigma;
+    ``check`` has the test of each of the ``channels``, in their order."""
     return [
         f"{channel.column}: residuals are {test.ratio:.2g} of sigma = {one.sigma:g}, which is far "
         f"too large: give a sigma of {test.ratio * one.sigma:.2g} {channel.unit} or less, and "

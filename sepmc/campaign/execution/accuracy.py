@@ -25,7 +25,7 @@ _EXTREME_POSITIONS = (
 
 
 def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:
-    """Typical size of a quantity in a scene, for each of some units.
+    """Return the typical size of a quantity in a scene, for each of some units.
 
     A length is the vehicle length L (extent of the centres of mass and joint points, or the largest
     radius of gyration of a body if that is larger), a time the end time T, an angle 1 rad, a speed
@@ -88,7 +88,7 @@ def scales(
     scene_scale: np.ndarray | None = None,
     spread: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Scale of each outcome: the size below which errors are relative to the scale instead.
+    """Return the scale of each outcome: errors of values that are smaller are relative to it.
 
     The scale is the larger of the standard deviation of the outcome and `SMALL` times a typical
     size. That size is the largest absolute value of all outcomes with the same unit, or
@@ -121,9 +121,10 @@ def scales(
 
 
 def deviation(outcomes: np.ndarray) -> np.ndarray:
-    """Standard deviation (o,) of each outcome over n cases, from ``outcomes`` (n, o).
+    """Return the standard deviation (o,), with divisor n, of each outcome over n cases, from
+    ``outcomes`` (n, o).
 
-    NaN are ignored; an outcome without any value has the deviation 0.
+    NaN are ignored and not counted in n; an outcome without any value has the deviation 0.
     """
     finite = ~np.isnan(outcomes)
     count = np.maximum(1, finite.sum(axis=0))
@@ -133,7 +134,8 @@ def deviation(outcomes: np.ndarray) -> np.ndarray:
 
 
 def errors(outcomes: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Error of every outcome of every case, in the measure that ``solver.accuracy`` limits.
+    """Return the error of every outcome of every case, in the measure that ``solver.accuracy``
+    limits.
 
     The error is the absolute difference from the reference, divided by the size of the reference
     value or by the scale of the outcome, whichever is larger. So an outcome near zero has no
@@ -166,7 +168,7 @@ def relative_error(
     units: list[str],
     scene_scale: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Largest relative error (o,) of each outcome over n cases; zeros without cases.
+    """Return the largest relative error (o,) of each outcome over n cases; zeros without cases.
 
     ``outcomes`` and ``reference``, both (n, o) and SI, are compared by `errors`; ``units`` (o) and
     ``scene_scale`` (o,) give the scales as in `scales`.
@@ -181,7 +183,7 @@ def relative_error(
 def column_scales(
     campaign: Definition, outcomes: np.ndarray, spread: np.ndarray | None = None
 ) -> np.ndarray:
-    """Scale of each outcome, as `scales` computes it, but in the unit of its column.
+    """Return the scale of each outcome, as `scales` computes it, but in the unit of its column.
 
     Parameters
     ----------
@@ -205,7 +207,7 @@ def column_scales(
 def with_scales(
     campaign: Definition, errors_by_name: Mapping[str, float], statistics: pd.DataFrame
 ) -> dict[str, tuple[float, float]]:
-    """Relative error and scale (`scales`) of each outcome, with scales from statistics.
+    """Return relative error and scale (`scales`) of each outcome, with scales from statistics.
 
     Parameters
     ----------
@@ -232,10 +234,11 @@ def with_scales_of(
     outcomes: np.ndarray,
     names: Collection[str] | None = None,
 ) -> dict[str, tuple[float, float]]:
-    """Relative error and scale of outcomes, with scales from the values in cases.
+    """Return relative error and scale of outcomes, with scales from the values in cases.
 
-    ``outcomes`` (n, o) are in the units of their columns; the result is that of `with_scales`, of
-    the outcomes ``names`` only if these are given, which is faster.
+    ``errors_by_name`` and the result are as for `with_scales`. ``outcomes`` (n, o) are the values
+    of all outcomes in n cases, in the units of their columns. If ``names`` is given, the result has
+    only these outcomes, which is faster.
     """
     if names is None:
         return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))
@@ -249,7 +252,8 @@ def with_scales_of(
 def _by_name(
     campaign: Definition, errors_by_name: Mapping[str, float], outcome_scales: np.ndarray
 ) -> dict[str, tuple[float, float]]:
-    """Pairs (relative error, scale) by outcome; an error that ``errors_by_name`` lacks is NaN.
+    """Return pairs (relative error, scale) by outcome; an error that ``errors_by_name`` lacks is
+    NaN.
 
     ``outcome_scales`` (o,) are in the order of the outcome columns of the campaign.
     """
@@ -262,7 +266,7 @@ def _by_name(
 def with_errors(
     campaign: Definition, errors_by_name: Mapping[str, float], table: pd.DataFrame
 ) -> pd.DataFrame:
-    """Copy of a table of statistics (a row per outcome) with the columns ``error``,
+    """Return a copy of ``table``, statistics with a row per outcome, with the columns ``error``,
     ``error_size`` and ``constant`` added.
 
     ``error`` is the relative error of the outcome, from ``errors_by_name`` (NaN if unknown); the
@@ -278,7 +282,7 @@ def with_errors(
 def zero_below_error(
     campaign: Definition, outcomes: Mapping[str, float], errors_by_name: Mapping[str, float]
 ) -> dict[str, float]:
-    """Copy of the outcomes of one case with 0 for each value not larger than its numerical error.
+    """Return the outcomes of one case, with 0 for each value not larger than its numerical error.
 
     ``outcomes`` are by column, in the units of their columns; ``errors_by_name`` are relative
     errors by outcome, as `errors` measures them.
@@ -295,8 +299,9 @@ def zero_below_error(
 
 
 def decisive(columns: list[Column]) -> np.ndarray:
-    """Mask (o,) of the outcomes that must converge, True for all but contact (1 or 0) and the
-    times and positions of extremes; ``columns`` are those of the o outcomes."""
+    """Return the mask (o,) of the outcomes that must converge with the step: True for all but
+    contact (1 or 0) and the times and positions of extremes. ``columns`` are those of the o
+    outcomes."""
     return np.array(
         [not column.name.endswith(_EXTREME_POSITIONS) for column in columns], dtype=bool
     )
@@ -352,8 +357,9 @@ class AchievedAccuracy:
         return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
-        """Copy in which the error of each outcome is the larger of its own and that in
-        ``others``, relative errors by outcome."""
+        """Return a copy in which the error of each outcome is the larger of its own and that in
+        ``others``, relative errors by outcome; outcomes that are only in ``others`` do not
+        count."""
         return replace(
             self,
             errors={name: max(error, others.get(name, 0.0)) for name, error in self.errors.items()},
@@ -361,13 +367,14 @@ class AchievedAccuracy:
 
 
 def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
-    """Outcome with the largest error, and that error."""
+    """Return the outcome with the largest error (the first one, if several have it) and that
+    error; ``errors_by_name`` must not be empty."""
     name = max(errors_by_name, key=lambda n: errors_by_name[n])
     return name, errors_by_name[name]
 
 
 def achieved(campaign: Definition, largest_errors: np.ndarray, cases: int) -> AchievedAccuracy:
-    """Numerical error of a campaign from the errors of its calibration cases.
+    """Return the numerical error of a campaign from the errors of its calibration cases.
 
     Parameters
     ----------

@@ -39,14 +39,15 @@ class _Way:
 
     @classmethod
     def of(cls, kernel: Kernel, steps: np.ndarray, times: np.ndarray) -> "_Way":
-        """`_Way` with a row at each of the ``times`` (t,), s, in each segment, and with infinite
-        durations, which means that they are not known yet."""
+        """Make a way with a kernel and the number of ``steps`` (segments,) of each segment. It has a
+        row at each of the ``times`` (t,), s, in each segment, and infinite durations, which means
+        that they are not known yet."""
         segments = range(kernel.n_segments)
         rows = [np.column_stack([times, np.full(len(times), k), 0 * times]) for k in segments]
         return cls(kernel, steps, np.full(kernel.n_segments, np.inf), np.concatenate(rows))
 
     def refined(self, factor: int) -> "_Way":
-        """Copy with ``factor`` times the number of steps."""
+        """Return a copy with ``factor`` times the number of steps."""
         return replace(self, steps=factor * self.steps)
 
 
@@ -156,8 +157,8 @@ class BatchHistories:
         return self.of_samples(self._campaign.in_si(inputs))
 
     def of_samples(self, samples: np.ndarray) -> np.ndarray:
-        """Histories (n, c, t), as `__call__` returns them, of cases with inputs ``samples`` (n, d)
-        in SI."""
+        """Return the histories (n, c, t), as `__call__` does, of cases with inputs ``samples``
+        (n, d) in SI."""
         with using_threads(self._threads):
             status, histories, _ = self._integrate(self._way, samples)
             if self._campaign.scene.solver.step is None:

@@ -124,9 +124,10 @@ def count(campaign: Definition, inputs: np.ndarray, block: Block) -> BatchSummar
 
 
 def count_errors(campaign: Definition, block: Block) -> BatchSummary:
-    """Summary of the cases of a block in which only ``refined``, ``fallback``, ``unconverged``,
-    ``errors`` and ``indicators`` are filled, from ``block.refinement``; the rest is 0 or empty. If
-    that is None, errors are 0, too."""
+    """Return a summary of the cases of a block in which only ``refined``, ``fallback``,
+    ``unconverged``, ``errors`` and ``indicators`` are filled, from ``block.refinement``; the other
+    fields are 0 or empty. If ``block.refinement`` is None, the counts and all errors are 0, and
+    there are no indicators."""
     columns, again = campaign.outcome_columns, block.refinement
     errors = np.zeros(len(columns)) if again is None else again.error
     return BatchSummary(
@@ -139,8 +140,8 @@ def count_errors(campaign: Definition, block: Block) -> BatchSummary:
 
 
 def accuracy(integration: Integration, summary: BatchSummary) -> AchievedAccuracy:
-    """Numerical error of a run: for each outcome the larger of the error of its own cases
-    (``summary``) and that of the calibration cases (``integration.achieved``)."""
+    """Return the numerical error of a run: for each outcome the larger of the error of its own
+    cases (``summary``) and that of the calibration cases (``integration.achieved``)."""
     achieved = integration.achieved
     assert achieved is not None
     # no calibration case has an error, but cases that were integrated again have
@@ -150,8 +151,8 @@ def accuracy(integration: Integration, summary: BatchSummary) -> AchievedAccurac
 
 
 def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]:
-    """Largest relative error over the cases in a summary, by outcome: that of the cases
-    integrated again, and that which the error estimate gives for all others."""
+    """Return the largest relative error over the cases in a summary, by outcome: the larger of that
+    of the cases integrated again and that which ``integration.estimate`` gives for all others."""
     errors_by_name, estimate = dict(summary.errors), integration.estimate
     if estimate is None or not errors_by_name:
         return errors_by_name
@@ -163,7 +164,7 @@ def _errors(integration: Integration, summary: BatchSummary) -> dict[str, float]
 def accuracy_entries(
     campaign: Definition, integration: Integration, summary: BatchSummary
 ) -> dict[str, Any]:
-    """Contents of the entry ``accuracy`` of a manifest, by key: methods and steps of an
+    """Return the contents of the entry ``accuracy`` of a manifest, by key: methods and steps of an
     integration, numerical error of the cases in a summary, and counts of refined cases."""
     solver, achieved = campaign.scene.solver, accuracy(integration, summary)
     entries: dict[str, Any] = {

@@ -27,7 +27,7 @@ class CalibrationSize(NamedTuple):
 
 
 def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray:
-    """Inputs of the median case and of corner cases, the same ones at every call.
+    """Return the inputs of the median case and of corner cases, the same ones at every call.
 
     The first row is the median of every parameter. In the others each parameter is at one of its
     two ends (quantiles at 0.001 and 0.999), chosen by a fixed random sequence. Exceptions: angles
@@ -77,8 +77,8 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
 
 
 def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
-    """Sample of the inputs, the same one at every call: two Latin hypercubes of half the cases
-    each.
+    """Return a sample of the inputs, the same one at every call: two Latin hypercubes of half the
+    cases each.
 
     In the second half all values of a discrete distribution are equally frequent, whatever their
     weights; parameters whose path ends in ``.fails`` keep their weights.
@@ -110,8 +110,8 @@ def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
 
 
 def _quantiles(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Quantiles (n,) of a distribution at probabilities ``u`` (n,), in the unit of the file; the
-    median in place of each value that the parameter does not allow."""
+    """Return the quantiles (n,) of a distribution at probabilities ``u`` (n,), in the unit of the
+    file; the median in place of each value that the parameter does not allow."""
     values = cases.quantile(dispersion, u)
     return (
         np.where(dispersion.allowed(values), values, cases.quantile(dispersion, np.array([0.5])))
@@ -121,9 +121,9 @@ def _quantiles(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
 
 
 def _value_probabilities(dispersion: Dispersion) -> np.ndarray:
-    """Probability at which the quantile of a discrete distribution is each of its values: the
-    middle of the value's step of the cumulative distribution. Values without weight are left
-    out."""
+    """Return, in the order of the values of a discrete distribution, a probability (k,) at which
+    its quantile is the value: the middle of the value's step of the cumulative distribution.
+    Values without weight are left out."""
     weights = np.array(dispersion.weights)
     edges = np.cumsum(weights) / np.sum(weights)
     return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
