@@ -107,9 +107,9 @@ class Moments:
         )
 
     def _combine(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:
-        """Add ``n`` finite values, given by their ``mean`` and the sums ``m2``, ``m3`` and ``m4`` of
-        the powers 2 to 4 of their deviations from it, all in units of ``_scale``, by equations
-        (3.1) of Pebay."""
+        """Add ``n`` finite values by equations (3.1) of Pebay: ``mean`` is their mean, and ``m2``,
+        ``m3`` and ``m4`` are the sums of the powers 2 to 4 of their deviations from it, all in
+        units of ``_scale``."""
         a, both = self._count, self._count + n
         if a == 0:
             self._count, self._mean, self._m2, self._m3, self._m4 = n, mean, m2, m3, m4

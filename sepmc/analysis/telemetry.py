@@ -591,9 +591,9 @@ def _variance(
     """Return the variance, s^2, of the best ``shift`` (1,) of a single case, and the number of
     independent samples.
 
-    ``samples`` and ``curves``, of this case alone, are as for `_mean_squares`. Residuals that are correlated in time count as fewer, by their correlation from one sample to
-    the next. The variance is infinite if the case does not change over time or has fewer than three
-    samples.
+    ``samples`` and ``curves``, of this case alone, are as for `_mean_squares`. Residuals that are
+    correlated in time count as fewer, by their correlation from one sample to the next. The
+    variance is infinite if the case does not change over time or has fewer than three samples.
     """
     top = bottom = effective = 0.0
     for (time, flight), own in zip(samples, curves, strict=True):

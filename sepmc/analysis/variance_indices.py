@@ -67,7 +67,7 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     Parameters
     ----------
     x, y : ndarray, shape (n,)
-        Input and outcome of independent cases, in any order.
+        Input and outcome of independent cases, in any order; both finite, and the outcome varies.
 
     Returns
     -------
@@ -104,7 +104,8 @@ def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     and the half-width of its 95 % interval.
 
     The index is epsilon squared: the fraction of variance between the groups of cases of equal
-    input, corrected for chance (Kelley, PNAS 21, 1935).
+    input, corrected for chance (Kelley, PNAS 21, 1935). The cases are independent, the outcome is
+    finite and varies, and there are fewer groups than cases.
     """
     n, group, y = len(y), np.unique(x, return_inverse=True)[1], _standard(y)
     size = np.bincount(group)

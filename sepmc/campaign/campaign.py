@@ -275,8 +275,8 @@ class Campaign(Definition):
         step_s : float
             Interval of history rows, s; there are also two rows at each phase boundary.
         announce : callable (text), optional
-            Called with messages, such as on the compilation of a kernel, and with the notes. If
-            None, notes are issued as `sepmc.RunWarning`.
+            Called with messages, such as on the compilation of a kernel. Notes are only in
+            ``attrs`` then; if None, they are also issued as `sepmc.RunWarning`.
         plain_work : float, optional
             Maximum number of kernel lines that plain Python may execute (1e7 take 5 s). If given,
             no kernel is compiled.

@@ -39,8 +39,8 @@ class _Way:
 
     @classmethod
     def of(cls, kernel: Kernel, steps: np.ndarray, times: np.ndarray) -> "_Way":
-        """Make a way with a kernel and the number of ``steps`` (segments,) of each segment. It has a
-        row at each of the ``times`` (t,), s, in each segment, and infinite durations, which means
+        """Make a `_Way` of a kernel with ``steps`` (segments,), the number in each segment. It has
+        a row at each of the ``times`` (t,), s, in each segment, and infinite durations, which means
         that they are not known yet."""
         segments = range(kernel.n_segments)
         rows = [np.column_stack([times, np.full(len(times), k), 0 * times]) for k in segments]
