@@ -148,7 +148,9 @@ class StoppingRule:
         self, summary: _Summary, confidence: float = CONFIDENCE
     ) -> tuple[float, float, float]:
         """Return the statistic and the low and high ends of its interval with the ``confidence``;
-        the ends are infinite if there are too few cases."""
+        the ends are infinite if there are too few cases. ``summary`` is as for `look`. The
+        proportion of a status is that of all cases, the proportion of a yes-or-no outcome that of
+        the ok cases that have it."""
         counts, table = summary.counts, summary.statistics(confidence=confidence)
         if self.metric not in table.index:
             return _proportion(counts.get(self.metric, 0), sum(counts.values()), confidence)
@@ -164,8 +166,8 @@ class StoppingRule:
         return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 
     def is_met(self, value: float, low: float, high: float) -> bool:
-        """Return True if both ends ``low`` and ``high`` of the interval are within the tolerance of
-        ``value``."""
+        """Return True if neither end, ``low`` or ``high``, of the interval is further from
+        ``value`` than the tolerance."""
         allowed = self.tolerance * (abs(value) if self.relative else 1.0)
         return max(high - value, value - low) <= allowed
 

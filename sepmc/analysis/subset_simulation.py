@@ -46,8 +46,9 @@ class ChainStates:
     """States of n chains (or of several steps of them): each is a case that was run.
 
     ``scores`` (n, d) are its inputs, ``margin`` (n,) and ``records`` (n, k) the results of the
-    limit function, ``number`` (n,) its place in the order of all cases run, ``level`` (n,) the
-    level for which it was run, and ``origin`` (n,) the index of its ancestor in the first level.
+    limit function, ``number`` (n,) its place, from 0, in the order of all cases run, ``level``
+    (n,) the index, from 0, of the level for which it was run, and ``origin`` (n,) the index of its
+    ancestor among the cases of the first level.
     """
 
     scores: np.ndarray

@@ -55,7 +55,7 @@ SIZE_DEPENDENT = ("lhs", "saltelli")  # samplers whose cases depend on their num
 
 
 def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
-    """Uniform random numbers of cases ``first`` to ``first + count`` - 1 for one parameter.
+    """Return uniform random numbers of cases ``first`` to ``first + count`` - 1 for one parameter.
 
     Parameters
     ----------

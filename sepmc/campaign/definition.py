@@ -91,7 +91,7 @@ class Case:
         return f"<p>{head}</p><table>{rows}</table>"
 
     def to_dict(self) -> dict[str, Any]:
-        """Scene of the case as nested data.
+        """Return the scene of the case as nested data.
 
         Returns
         -------
@@ -170,7 +170,7 @@ class Definition:
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
     def stored_history_columns(self, wanted: bool = True) -> list[Column]:
-        """Columns of the separations over time that a run stores.
+        """Return the columns of the separations over time that a run stores.
 
         Parameters
         ----------

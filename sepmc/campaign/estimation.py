@@ -217,6 +217,29 @@ class Model:
         Number of threads; all cores if None.
     announce : callable (text), optional
         Called with messages, such as on the compilation of a kernel.
+
+    Attributes
+    ----------
+    channels : list of MeasuredChannel
+        Measured samples, without those at which no trial case has a value.
+    clocks : list of str
+        Telemetry files whose delay is estimated.
+    dimensions : int
+        Number of scores of a case: dispersed parameters, then clocks.
+    columns : list of str
+        History columns that are measured, each once.
+    times : ndarray, shape (t,)
+        Times of the predicted histories, s.
+    histories : BatchHistories
+        Integrates cases to histories of ``columns`` at ``times``.
+    notes, understood : list of str
+        Notes for the user on possible errors; sentences on how each channel was interpreted.
+
+    Raises
+    ------
+    InputError
+        If the campaign has no measurements or no distributions, takes inputs from a sample table,
+        or fewer than two samples of a channel remain.
     """
 
     def __init__(
