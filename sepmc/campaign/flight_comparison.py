@@ -36,8 +36,14 @@ def compare_with_flight(
     cases: int,
     announce: Log,
 ) -> FlightComparison:
-    """Compare a run with the telemetry of a flight. Parameters, result and errors are those of
-    `Result.compare_flight`; ``mapping`` is its ``map``."""
+    """Compare a run with the telemetry of a flight, the file ``data``.
+
+    Parameters, result and errors are those of `Result.compare_flight`: ``mapping`` (its ``map``)
+    has the channel of the file by history column, if empty the channels with the name of a column
+    are used; ``time`` is the channel of time (None: one with a usual name); ``shift_s`` is the time
+    of the flight's clock at time 0 of the run (None: estimated); ``cases`` is the number of cases
+    that are simulated again if the run did not store these columns; ``announce`` receives messages.
+    """
     if not isinstance(mapping, Mapping):
         example = '{"upper_omega_y_deg_s": "-gyro_z[rad/s]"}'
         raise InputError(
@@ -68,7 +74,8 @@ def _histories(
 ) -> Histories:
     """Return histories of ok cases, and of the nominal case, in the columns that ``channels`` has
     data of: those stored by the run if it has all these columns, else those of the first ``cases``
-    ok cases, simulated again. Raises InputError if no case is ok."""
+    ok cases, simulated again. ``announce`` receives a message that says which. Raises InputError if
+    no case is ok."""
     campaign, rows, names = result.campaign, result.table, tuple(channels)
     numbers = np.sort(np.asarray(rows["case"])[ok_rows(rows)])
     if not len(numbers):

@@ -30,7 +30,7 @@ class FreshVerdict:
         Its verdicts (`Result.requirements`), at the confidence that
         `raised_confidence` sets.
     seed, cases : int
-        Of the run.
+        Seed and number of cases of the run.
     notes : tuple of str
         Warnings of the run.
     """
@@ -109,8 +109,11 @@ def fresh_verdict(
     """Run ``cases`` cases of a campaign with some ``settings`` and a ``seed`` that was not used
     before, and judge its requirements.
 
-    Their confidence is raised for ``tries`` such runs. ``out`` is a run folder, which replaces an
-    earlier one; the run is in memory if it is None."""
+    ``settings`` are values of the campaign by TOML path. The confidence of every requirement is
+    raised for ``tries`` such runs (`raised_confidence`). ``out`` is the run folder, whose earlier
+    run is overwritten; the run is in memory if it is None. ``threads`` (None: all cores) and
+    ``announce`` are as for `sepmc.campaign.campaign.Campaign.run`. Returns the verdicts, whether
+    all are passed or not."""
     settings = settings | raised_confidence(campaign, tries)
     run = campaign.with_settings(settings).run(
         cases, seed, threads, out, overwrite=True, announce=announce

@@ -135,7 +135,7 @@ class _LimitSearch:
 
     A case is given by a level for each of the d dispersed inputs: -1 its low end, 0 nominal (the
     middle of the ends if the nominal value lies outside them), 1 its high end, 2 to 8 values
-    between the ends of a wide angle.
+    between the ends of a wide angle. ``items`` are the requirements.
     """
 
     def __init__(
@@ -227,11 +227,14 @@ class _LimitSearch:
     def judge(
         self, item: Requirement, status: np.ndarray, outcomes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Judge cases by a requirement; ``status`` (n,) and ``outcomes`` (n, o) are those of `run`.
+        """Judge n cases by the requirement ``item``; ``status`` (n,) and ``outcomes`` (n, o) are
+        those of `run`.
 
-        Returns outcome, margin and score, each (n,). Outcome and margin are NaN for a requirement
-        on a status. The score is the margin, for a requirement on a status 1 or -1: negative in a
-        violating case, and minus infinity without a result.
+        Returns outcome, margin and score, each (n,). Outcome and margin are NaN in a case without a
+        result: one that is not ok, or does not have the outcome; for a requirement on a status they
+        are NaN in all cases. The score is the margin; for a requirement on a status it is -1 in a
+        case with that status, 1 in an ok case. It is negative in a violating case, and minus
+        infinity in one without a result.
         """
         is_ok = status == Status.OK
         if item.metric not in self.columns:
@@ -244,15 +247,18 @@ class _LimitSearch:
         return values, margin, np.where(np.isnan(margin), -math.inf, margin)
 
     def lacks(self, item: Requirement, levels: np.ndarray) -> bool:
-        """Return True if the case with levels (d,) has no result for a requirement."""
+        """Return True if the case with levels (d,) has no result for the requirement ``item``: the
+        outcome is missing, or the case has another status than ok and the one asked for."""
         return bool(np.isneginf(self.judge(item, *self.run(levels[None]))[2][0]))
 
     def worst(self, item: Requirement, with_value: bool = False) -> np.ndarray:
-        """Search for the combination of levels that is worst for a requirement, the one with the
-        lowest score of `judge`; return its levels (d,). A case without a result is the worst of
-        all, or, if ``with_value``, the best. Not all combinations are tried: the search starts from
-        the nominal case, the worst levels of the single inputs together, and some random corners,
-        and changes one input at a time. An input ``fails`` of a joint stays nominal."""
+        """Search for the combination of levels that is worst for the requirement ``item``, the one
+        with the lowest score of `judge`; return its levels (d,).
+
+        A case without a result is the worst of all, or, if ``with_value``, the best. Not all
+        combinations are tried: the search starts from the nominal case, the worst levels of the
+        single inputs together, and some random corners, and changes one input at a time. An input
+        ``fails`` of a joint stays nominal."""
 
         def score(levels: np.ndarray) -> np.ndarray:
             scores = self.judge(item, *self.run(levels))[2]
@@ -274,8 +280,9 @@ class _LimitSearch:
 
     def _descend(self, levels: np.ndarray, score: Score) -> np.ndarray:
         """From a case with levels (d,), change the level of one input at a time, always the change
-        that lowers the score most, until none does or `_ROUNDS` changes were made; return the
-        levels (d,) reached. An input ``fails`` of a joint keeps its level."""
+        that lowers its ``score`` most, until none does or `_ROUNDS` changes were made; return the
+        levels (d,) reached. ``score`` gives the scores (n,) of cases with levels (n, d). An input
+        ``fails`` of a joint keeps its level."""
         lowest = score(levels[None])[0]
         for _ in range(_ROUNDS):
             near = [

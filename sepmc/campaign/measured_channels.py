@@ -30,7 +30,8 @@ class MeasuredChannel:
     time : ndarray, shape (m,)
         Times of the run, s, at the nominal delay.
     values, sigma : ndarray, shape (m,)
-        Measured values and their standard deviations, in the unit of the column.
+        Measured values and their standard deviations, in the unit of the column; if samples are
+        averaged, those of the means.
     file : str
         Telemetry file, as given in the campaign.
     delay, delay_sigma : float
@@ -40,7 +41,8 @@ class MeasuredChannel:
         Number of samples of the file that are not used, as they lie, or may lie with another
         delay, outside the run.
     averaged : int
-        Number of samples of the file of which each value is the mean; 1 if none is averaged.
+        Number of samples of the file of which each value is the mean, the last one perhaps of
+        fewer; 1 if none is averaged.
     wraps : bool
         True for an angle that stays within one turn: it is compared modulo 360 deg.
     """
@@ -115,11 +117,11 @@ def read_measurements(campaign: Definition) -> tuple[list[MeasuredChannel], list
 def _within(
     one: Measurement, unit: str, time: np.ndarray, values: np.ndarray, end: float
 ) -> MeasuredChannel:
-    """Make the channel of a measurement from the samples of its file.
+    """Make the channel of the measurement ``one`` from the samples of its file.
 
     ``time`` (k,) is of the file's clock, s; ``values`` (k,) are in ``unit``; ``end`` is the end of
     the run, s. Samples are used that lie within the run at every probable delay (4 sigma); more
-    than 1,000 are averaged in groups.
+    than 1,000 are averaged in groups of consecutive ones. The channel is empty if there are none.
     """
     time, margin = time - one.delay, _DELAYS * one.delay_sigma
     inside = (time >= margin - 1e-9 * end) & (time <= end - margin + 1e-9 * end)

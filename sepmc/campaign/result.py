@@ -49,13 +49,14 @@ class Result:
     campaign : Campaign
         The campaign that was run.
     kept : RunOutput
-        Statistics, and case rows in memory or read from the folder on demand.
+        Statistics, and case rows in memory or read from the folder on demand; it has no rows if the
+        run stored statistics only.
     timing : dict of str to float
         Elapsed seconds by stage: text (of the kernel), compile, steps (their selection), sample,
         kernel and write. Writing overlaps the kernel, so the sum can exceed the elapsed time.
     seed : int
     numbers : CaseSelection
-        Cases of the run.
+        Numbers of the cases that the run was to have; fewer were run if ``stopped``.
     total : int
         Number of cases of the whole sample, on which some samplers depend.
     folder : Path or None
@@ -189,6 +190,11 @@ class Result:
             A row per outcome, with the columns of `sepmc.analysis.statistics.statistics`, the
             numerical ``error`` in the unit of the outcome, and ``constant``, True if the outcome
             varies by no more than its error (`sepmc.analysis.constant_outcomes`).
+
+        Raises
+        ------
+        InputError
+            If a condition is not valid, or there are conditions and the run stored no case rows.
         """
         if where:
             rows, outcomes = self._rows(), self.campaign.summary_inputs[0]

@@ -132,7 +132,8 @@ def write(
     """Evaluate a run, and write the results into its folder: ``statistics.csv``,
     ``statistics.json``, and, if the run stores no rows of all cases, ``histograms.csv``.
 
-    Returns the statistics, audit and verdicts written.
+    ``summary`` has the statistics of all cases of the run. Returns the statistics, audit and
+    verdicts written.
 
     Raises
     ------

@@ -186,8 +186,8 @@ class DesignTable:
     summary : DataFrame
         A row per design: the values of its variables, by key; ``ok``, the number of ok cases; of
         each requirement its verdict ``NAME``, and the counts ``NAME_violations`` and
-        ``NAME_missing`` (`DesignResult.verdicts`); ``error``, the largest numerical error of an ok
-        case.
+        ``NAME_missing`` (`DesignResult.verdicts`); ``error``, the largest relative numerical error
+        of an ok case, 0 if no case is ok.
     columns : dict of str to ndarray, shape (designs, cases)
         Requested outcomes by name, in their units, and ``status`` (`sepmc.schema.Status`); empty
         if no outcome was requested.
@@ -414,7 +414,8 @@ class Session:
     def _write(self, rows: np.ndarray, sample: _Sample, values: np.ndarray) -> None:
         """Write the varied inputs and the derived numbers (`DesignBox.derived`) of a design, SI,
         into ``rows``, which has a row per input or derived number and a column per case; its other
-        rows stay as they are. ``values`` (variables,) are the design, in the units of its keys."""
+        rows stay as they are. ``sample`` has the inputs at both ends of the design variables;
+        ``values`` (variables,) are the design, in the units of its keys."""
         box = self.box
         ranges = [(v.low, v.high - v.low) for v in box.variables]
         shares = [float((x - low) / r) for (low, r), x in zip(ranges, values, strict=True)]
@@ -467,7 +468,7 @@ class Session:
 
 def _accuracy(integration: Integration, block: Block, box: Definition) -> AchievedAccuracy:
     """Return the largest relative numerical error of each outcome over the cases of a block and
-    the calibration cases."""
+    the calibration cases of ``integration``; ``box`` is the campaign of both."""
     return batch_summary.accuracy(integration, batch_summary.count_errors(box, block))
 
 
@@ -552,14 +553,15 @@ def _verdicts(
 
 
 def _outcomes(box: Definition, block: Block, is_ok: np.ndarray) -> np.ndarray:
-    """Return the outcomes (ok cases, o) of a block in the units of their columns; ``is_ok`` (n,)
-    is the mask of its ok cases."""
+    """Return the outcomes (ok cases, o) of a block in the units of their columns, which are those
+    of the campaign ``box``; ``is_ok`` (n,) is the mask of the ok cases."""
     columns = box.outcome_columns
     return block.outcomes[is_ok, : len(columns)] * np.array([column.scale for column in columns])
 
 
 def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
-    """Return True if an audit column of an ok case (mask ``is_ok``) is beyond its bound, or NaN."""
+    """Return True if in any ok case of a block (mask ``is_ok``, (n,)) an audit column is above its
+    bound in `AUDIT_BOUNDS`, or NaN; ``box`` is the campaign, which has the columns."""
     audited = [
         (k, column.scale, AUDIT_BOUNDS[column.name])
         for k, column in enumerate(box.result_columns)
@@ -583,8 +585,9 @@ def _summarise(
     box: Definition, errors: Mapping[str, float], block: Block, cases: int
 ) -> list[dict[str, Any]]:
     """Return the rows of `DesignTable.summary`, without the values of the designs, from a block
-    that has the cases of one design after the other, ``cases`` each. ``errors`` are relative, by
-    outcome; verdicts allow for them."""
+    that has the cases of one design after the other, ``cases`` each. ``box`` is the campaign with
+    the requirements. ``errors`` are the relative numerical errors by outcome, which the verdicts
+    take into account."""
     rows = []
     for first in range(0, len(block.status), cases):
         part = _part(block, first, first + cases)

@@ -60,8 +60,9 @@ class Sizing:
     search_cases, search_seed : int
         Number of cases of each design of the search, and their seed.
     searched : DataFrame
-        Designs of the last search: values, ``cost`` (``cost_1``, ... of several), and the smallest
-        ``margin`` over all requirements, scaled; not negative where the design was accepted.
+        Designs of the last search, a row each: values, ``cost`` (``cost_1``, ... of several), and
+        the smallest ``margin`` over all requirements, without unit as it is divided by the standard
+        deviation of the margin over cases; not negative where the design was accepted.
     tries : int
         Number of searches, each with a verdict run.
     at_ends : tuple of str
@@ -99,7 +100,7 @@ class Sizing:
 
     @property
     def cost(self) -> float:
-        """The first cost."""
+        """The first of `costs`: the only one, unless the design is of a trade-off."""
         return self.costs[0]
 
 
@@ -182,9 +183,11 @@ def start_search(
     """Check a request for a sizing, and prepare its search.
 
     Parameters are those of `size`, but ``minimise`` has a formula for each cost, and ``tries`` is
-    the number of verdict runs for which confidences are raised. Returns the campaign with only the
-    requirements of ``subject_to``, and the search, before it has run a design. Raises InputError if
-    the request is not valid, or ``cases`` are too few to show a requirement.
+    the number of verdict runs for which confidences are raised. ``cases`` and ``seed`` (None: that
+    of the file) are those of each design of the search, ``threads`` None is all cores. Returns the
+    campaign with only the requirements of ``subject_to`` (all if it is empty), and the search,
+    before it has run a design. Raises InputError if the request is not valid, or ``cases`` are too
+    few to show a requirement.
     """
     check_variables(variables)
     trees = [cost_tree(one, variables) for one in minimise]
@@ -218,9 +221,10 @@ def shown_design(
     verdict. Repeat with a larger margin until a design passes every requirement, at most
     `MAX_TRIES` times.
 
-    Returns the last design, whether it passes or not. ``tries`` is the number of verdict runs for
-    which confidences are raised; ``out`` is the run folder of the last one, or None. Raises
-    InputError if the search accepts no design.
+    Returns the last design, whether it passes or not. ``campaign`` and ``search`` are from
+    `start_search`; ``tries`` is the number of verdict runs for which confidences are raised;
+    ``threads`` (None: all cores) and ``announce`` are for the verdict runs, and ``out`` is the run
+    folder that each of them overwrites, or None. Raises InputError if the search accepts no design.
     """
     count, fraction = VERDICT_CASES * search.cases, 1.0
     for number in range(1, MAX_TRIES + 1):

@@ -60,8 +60,8 @@ def angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
     the outcome.
 
     Errors of alpha, pitch and roll grow as one over the cosine of these angles. A limit is the
-    angle at which that is 1.25 times as large as in any ok calibration case. ``trials`` are the
-    results of the calibration cases.
+    angle at which that is 1.25 times as large as in any ok calibration case (cases in which the
+    angle is NaN are left out). ``trials`` are the results of the calibration cases.
     """
     limits = {}
     for k, column in enumerate(campaign.outcome_columns):
@@ -86,11 +86,13 @@ def unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.
 
 
 def direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Relative error of each outcome per unit of each error indicator, shape (o, g): not 0 only for
-    an impulse (time integral of a joint load) and the indicator of that impulse.
+    """Relative error of each outcome per unit of each error indicator, shape (o, g): 0
+    except for an impulse (time integral of a joint load) and the indicator of that impulse.
 
-    This is the error of the polynomial over a step whose integral is the impulse. ``trials`` are
-    the results of the calibration cases, ``scale`` (o,) the scales of the outcomes.
+    Over each step, a kernel represents the load by a polynomial; the indicator is the largest error
+    of its integral over a step, in the unit of the impulse. The result is `SAFETY` divided by the
+    smallest size of the impulse in the calibration cases, whose results are ``trials``; a size
+    below the scale of the outcome, from ``scale`` (o,), counts as that scale.
     """
     assert trials.indicators is not None
     impulses = _impulse_indices(campaign)

@@ -269,8 +269,9 @@ def history_error(
 def _verdict(block: Block, step: float | None) -> np.ndarray:
     """Verdict (n,) on each case of a block: VALID, IN_DOUBT or NO_OUTCOMES.
 
-    A case that failed for good (by its status) has NO_OUTCOMES. A case that the kernel rejected is
-    IN_DOUBT, and so is one with an unknown error indicator unless the file gives the ``step``.
+    A case is VALID if its status is ok or never-released. A case with any other final status has
+    NO_OUTCOMES, one that the kernel rejected (negative status) is IN_DOUBT. A case with an unknown
+    error indicator is IN_DOUBT too, unless the file gives the ``step``, s (None: it does not).
     """
     is_valid = block.has_outcomes & (step is not None or block.has_indicators)
     return np.where(
@@ -298,8 +299,10 @@ def _doubtful_errors(
     """Largest relative error (o,) of cases that are valid at the chosen steps but not at steps of
     half the length, by comparison with their values at steps at which they converge.
 
-    ``outcomes`` (n, o) are those at the chosen steps; the other arguments are as for
-    `refine_steps`. A case that does not converge has infinite errors.
+    ``outcomes`` (n, o) are those of n > 0 such cases at the chosen steps. The other arguments are
+    as for `refine_steps`: ``integrate`` runs the cases at a fraction of the chosen steps, until the
+    decisive outcomes (mask ``is_decisive``) change by at most ``goal``, relative. A case that does
+    not converge, or ends with a status other than ok and never-released, has infinite errors.
     """
     converged = np.empty_like(outcomes)
 

@@ -33,12 +33,18 @@ class Estimate:
     size : ndarray, shape (g,)
         Largest value of each indicator in the calibration cases.
     weights : ndarray, shape (o, g)
-    factor, offset, floor : ndarray, shape (o,)
+        Fitted weights of the indicators, not negative.
+    factor, offset : ndarray, shape (o,)
+        Factor on the weighted sum, at least 1, and number added to it instead if that gives less.
+    floor : ndarray, shape (o,)
+        Error that is added in every case.
     direct : ndarray, shape (o, g)
+        Error per unit of an indicator that is added to the fitted error.
     leading : ndarray of int
         Indices of the decisive outcomes that can have the largest error of a case.
     is_decisive : ndarray of bool, shape (o,)
-        See `sepmc.campaign.execution.accuracy.decisive`.
+        True for the outcomes whose error counts as that of the case: all but contact and the times
+        and positions of extremes (`sepmc.campaign.execution.accuracy.decisive`).
     """
 
     size: np.ndarray
@@ -147,19 +153,20 @@ def estimate(
     indicators : ndarray, shape (n, g)
         Error indicators of the calibration cases.
     errors : ndarray, shape (n, o)
-        Their known relative errors.
+        Their known relative errors; infinite ones are left out of the fit.
     floor : ndarray, shape (o,)
         Error of each outcome that is added in every case.
     direct : ndarray, shape (o, g)
         Error per unit of an indicator that is added to the fitted error.
     is_decisive : ndarray of bool, shape (o,)
-        See `sepmc.campaign.execution.accuracy.decisive`.
+        As in `Estimate`.
 
     Returns
     -------
     Estimate
         Weights are fitted by least squares and not negative. A decisive outcome is leading if in
-        some calibration case its estimated error is at least half the largest one of that case.
+        some calibration case its estimated error is at least half the largest one of that case;
+        without calibration cases all decisive outcomes are.
     """
     size = indicators.max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, 1.0)

@@ -90,22 +90,24 @@ class Integration:
         divided.
     scale : ndarray, shape (o,)
         Scale of each outcome, SI, by which errors are divided if the outcome is smaller; see
-        `sepmc.campaign.execution.accuracy.scales`.
+        `sepmc.campaign.execution.accuracy.scales`. None: `SMALL` times the typical size of such an
+        outcome in the scene.
     limits : ndarray, shape (g,)
         Largest value of each error indicator (`Block.indicators`) at which the error estimate still
         applies; None: no limits.
     angles : dict of int to float
         Largest absolute sideslip and yaw, rad, by outcome index, at which the error estimate still
         applies: near a right angle alpha, or pitch and roll, change fast.
-    estimate : Estimate
-        Model of the error of a case within these limits.
+    estimate : Estimate or None
+        Model of the error of a case within these limits; None: errors are not estimated.
     error_limit : float
         Estimated error above which a case is integrated again with smaller steps; infinite if the
         file gives the step.
     error : float
-        Largest relative error of the calibration cases, without times and positions of extremes.
-    achieved : AchievedAccuracy
-        Numerical error of the campaign, from the calibration cases.
+        Largest relative error of the calibration cases, without times and positions of extremes;
+        NaN if unknown.
+    achieved : AchievedAccuracy or None
+        Numerical error of the campaign, from the calibration cases; None if unknown.
     nominal : ndarray, shape (o,)
         Outcomes of the nominal case, SI; None if it did not reach its end.
     notes : list of str
@@ -287,8 +289,9 @@ def integrate(
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
     """Mask (n,) of the rejected cases (negative ``status``) that a kernel ``variant`` may accept.
 
-    ``finite`` (n,) is True for cases with finite outcomes: if such a case needs smaller steps only,
-    the variant LEAST_SQUARES does not help.
+    ``status`` (n,) is that of the rejection, FINER_STEPS or the variant that is needed; the mask is
+    False where it is not negative. ``finite`` (n,) is True for cases with finite outcomes: if such a
+    case needs smaller steps only, the variant LEAST_SQUARES does not help.
     """
     finer = (status == FINER_STEPS) & finite
     return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))
@@ -315,8 +318,9 @@ def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
     ends : ndarray, shape (segments, n)
         End times of segments in n cases, s.
     is_ok : ndarray of bool, shape (n,)
-        True for the cases of which the medians are taken. A segment without duration there gets the
-        median duration over all cases in which it has one; 0 if there are none.
+        True for the cases of which the medians are taken. A segment whose duration is 0 there
+        (below 1e-9 of the last end time) gets the median duration over all cases in which it is
+        longer; 0 if there are none.
     """
     durations, lengths = (
         np.diff(np.median(ends[:, is_ok], axis=1), prepend=0.0),
@@ -427,7 +431,9 @@ def _refine_cases(
     errors into ``block`` (only the errors if the file gives the step), and return their summary.
 
     ``refined_cases`` (k,) are the indices of these cases in ``block`` and in ``draws`` (n, d), the
-    inputs, SI. A case has converged after ``agreements`` consecutive halvings with small changes.
+    inputs, SI. ``flight`` has the kernel and the first steps; ``history_size`` is the number of
+    rows of a stored history. A case has converged after ``agreements`` consecutive halvings with
+    small changes.
     """
     has_given_step = campaign.scene.solver.step is not None
     columns = campaign.outcome_columns
@@ -495,7 +501,8 @@ def _refine_with_own_durations(
 ) -> Converged:
     """Refine the case with index ``number`` in ``block`` and ``draws`` (n, d), whose phases last
     much longer than typical: measure its own durations, then halve its steps until it converges.
-    Writes its results into ``block``; returns steps and changes of this one case."""
+    Writes its results, with a history of ``history_size`` rows, into ``block``; returns steps and
+    changes of this one case. ``flight`` has the kernel and the typical durations."""
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,

@@ -276,7 +276,10 @@ class RareValue:
 
     def note(self, campaign: Definition, values: Estimate) -> str:
         """Note for the user if an estimate, ``values``, misses most of the contribution of cases
-        with this value to its probability; empty if not."""
+        with this value to its probability; empty if not.
+
+        That is so if the contribution is above a fifth of the probability that a case violates or
+        has no margin, and the cases of the estimate stand for at most a third of it."""
         contribution, last = self.probability * self.fraction, values.last
         weight_found = values.weight[
             (last.records[:, self.index] == self.value) & ~(last.margin >= 0.0)
@@ -300,8 +303,8 @@ def rare_discrete_values(
     return all these values, each with the fraction of its cases that violate the requirement or
     have no margin.
 
-    The other inputs are sampled by ``random``. Values of probability 0 and correlated parameters
-    are left out.
+    ``evaluator`` runs the cases, and adds them to its counts. The other inputs are sampled by
+    ``random``. Values of probability 0 and correlated parameters are left out.
     """
     dispersions, values = evaluator.campaign.file.dispersions, []
     correlated = {index for copula in evaluator.campaign.file.copulas for index in copula.places}

@@ -189,7 +189,13 @@ def _stored_rows(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """State of the cases of a run whose rows are intact, and the remaining ones of the wanted cases
-    (``spec``); damaged shards are removed. Raises StoreError as `read_previous` does."""
+    (``spec``).
+
+    Damaged shards are removed from the folder; if intact rows remain, ``announce`` is called with a
+    message on that. The state is empty, and all wanted cases remain, if no row is intact or the
+    folder has no run. Raises StoreError if the rows have other columns, or cases are stored that
+    are not wanted.
+    """
     if not folders.is_run(folder):
         return PreviousRun(), spec.numbers
     n_dropped = shards.drop_damaged(folder, campaign.has_histories)
@@ -220,11 +226,12 @@ def _stored_accumulators(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """State of a run that stores statistics, as its accumulators were last written, and the
-    remaining ones of the wanted cases (``spec``). Raises StoreError as `read_previous` does.
+    remaining ones of the wanted cases (``spec``).
 
-    Saved rows of cases that are not in the accumulators are removed. If a saved row is missing or
-    damaged, the state is empty and all cases remain. Raises StoreError if the accumulators have
-    cases that are not wanted.
+    Saved rows of cases that are not in the accumulators are removed. If the accumulators, or a
+    saved row, are missing or damaged, the state is empty and all cases remain; ``announce`` is
+    called with a message on saved rows. Raises StoreError if the accumulators have cases that are
+    not wanted, or cannot be read.
     """
     entry = shards.accumulator_entry(folder)
     if not entry:

@@ -282,8 +282,9 @@ def estimate_rare_event(
 
 
 def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int) -> dict[str, Any]:
-    """Manifest entries, by key, that determine an estimate: an interrupted one can be resumed only
-    by an estimate with equal entries."""
+    """Manifest entries, by key, that determine an estimate: the campaign, the requirement of
+    ``limit``, ``seed`` and ``max_cases``. An interrupted estimate can be resumed only by one with
+    equal entries."""
     item = msgspec.to_builtins(limit.requirement)
     return {
         "campaign": campaign.name,
@@ -297,9 +298,10 @@ def _request(campaign: Definition, limit: LimitState, max_cases: int, seed: int)
 def _begin(
     campaign: Definition, folder: Path, request: dict[str, Any], resume: bool
 ) -> list[dict[str, Any]]:
-    """Write the manifest of an estimate when it begins; return its earlier sessions, the manifest
-    entries of the commands that ran a resumed estimate before (empty if it is new). Raises
-    StoreError as `interrupted` does if ``resume`` is True."""
+    """Write the manifest of an estimate into its run folder when it begins; return its earlier
+    sessions, the manifest entries of the commands that ran a resumed estimate before (empty if it
+    is new). ``request`` are the entries from `_request`. If ``resume`` is True, raises StoreError
+    if the folder contains another estimate or run, or a complete one."""
     previous_sessions: list[dict[str, Any]] = interrupted(folder, request) if resume else []
     session = {
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -366,8 +368,8 @@ def _rows(campaign: Definition, estimate: Estimate) -> dict[str, np.ndarray]:
 
 
 def _violating_inputs(campaign: Definition, estimate: Estimate) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of the normal score of each input over violating cases, by input
-    column; empty if no case violates.
+    """Mean and standard deviation of the normal score of each input over the violating cases of the
+    last level, weighted, by input column; empty if no case violates.
 
     The inputs are sorted by how far these differ from 0 and 1, the most different first.
     """
@@ -388,8 +390,9 @@ def _notes(
 ) -> list[str]:
     """Notes on an estimate for the user, as sentences.
 
-    ``known`` is the estimate for violating cases, ``of_all`` that for these and the cases without a
-    margin; ``rare_values`` are from `rare_discrete_values`.
+    ``evaluator`` has run all cases and counted them. ``known`` is the estimate for violating cases,
+    ``of_all`` that for these and the cases without a margin; ``rare_values`` are from
+    `rare_discrete_values`.
     """
     campaign, integration, summary, limit = (
         evaluator.campaign,
@@ -480,8 +483,8 @@ def _write(
     sessions: list[dict[str, Any]],
 ) -> None:
     """Write the results of a complete estimate into its open run folder: manifest, campaign text,
-    ``rare.parquet`` (cases) and ``rare.json`` (report). ``request`` (from `_request`) and
-    ``sessions`` are entries of the manifest."""
+    ``rare.parquet`` (cases) and ``rare.json`` (report). ``evaluator`` ran the cases; ``request``
+    (from `_request`) and ``sessions`` are entries of the manifest."""
     campaign = evaluator.campaign
     manifest = {
         **request,

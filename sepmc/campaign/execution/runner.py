@@ -410,8 +410,9 @@ class Runner:
         self._saved = time.monotonic()
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
-        """Load the accumulators of the previous run, in the order in which `save` wrote them, into
-        the sink. Raises StoreError if they do not fit this campaign."""
+        """Load the accumulators of the previous run, ``arrays`` in the order in which `save` wrote
+        them, into the sink and the rules for saved rows. Raises StoreError if they do not fit this
+        campaign."""
         assert isinstance(self.sink, StatisticsSink)
         remaining = iter(arrays)
         try:
@@ -472,14 +473,15 @@ class Runner:
 
     @property
     def _selection_entries(self) -> dict[str, Any]:
-        """Manifest entries ``numbers`` (wanted case numbers) and ``of`` (size of the sample); empty
-        if all cases of the sample are wanted."""
+        """Manifest entries, by key: ``numbers`` (wanted case numbers, as text) and ``of`` (size of
+        the sample); empty if all cases of the sample are wanted."""
         text = self.spec.text
         return {"numbers": text, "of": self.spec.total} if text else {}
 
     def _session(self) -> dict[str, Any]:
-        """Manifest entry of the command that executes this run: cases, times, threads, workers and
-        versions."""
+        """Manifest entry, by key, of the command that executes this run: number of cases that it
+        has run (without those that the folder contained already), times, threads, kinds of workers
+        and versions."""
         return {
             "cases_flown": self.n_run,
             "started": self.started.isoformat(timespec="seconds"),

@@ -68,7 +68,7 @@ class SingleCase:
     rows : ndarray, shape (n, columns)
         History, SI, in the columns of `sepmc.schema.history_columns`.
     notes : list of str
-        Notes for the user if the case did not converge; else empty.
+        Notes for the user if the case did not converge or used up its computing time; else empty.
     error : ndarray, shape (number of outcomes,), optional
         Relative numerical error of each outcome, without audit columns; None if unknown.
     compiled : bool
@@ -158,7 +158,7 @@ def simulate_case(
 
 def invalid_case(scene: Scene, contents: Contents) -> SingleCase:
     """Result of a case with an invalid parameter, which is not simulated: status INVALID_INPUT, NaN
-    outcomes, no history rows."""
+    outcomes and audit columns, no history rows. ``contents`` is as for `simulate_case`."""
     layout, columns = _layout(scene, contents), len(schema.result_columns(contents))
     rows = np.empty((0, len(schema.history_columns(contents))))
     return SingleCase(
@@ -189,9 +189,11 @@ class _SingleRun:
     the kernel, that is a phase or a part of one. If the file gives the step, each is the number of
     steps that a given step is divided into. o is the number of outcomes.
 
-    ``row_interval_s`` is the interval of history rows, s. ``work`` counts the lines that all kernel
-    variants execute for this case. If ``may_compile`` is False, UnknownError is raised where a
-    compiled kernel would be needed.
+    ``shape`` is the specification of the kernel, ``layout`` has the scene and the parameters of the
+    case, and ``columns`` are those of its outcomes. ``row_interval_s`` is the interval of history
+    rows, s. ``announce`` is called with messages on long integrations and on compiling. ``work``
+    counts the lines that all kernel variants execute for this case. If ``may_compile`` is False,
+    UnknownError is raised where a compiled kernel would be needed.
     """
 
     def __init__(
@@ -316,8 +318,12 @@ class _SingleRun:
         return self.outcomes, status, rows
 
     def _call_kernel(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """Call `integrate_nominal` in plain Python, or compiled once the lines allowed for plain
-        Python are used up; return its result. ``instants`` (n, 3) are from `_instants`."""
+        """Call `integrate_nominal` with ``steps`` (segments,) in plain Python, or compiled once the
+        lines allowed for plain Python are used up.
+
+        ``instants`` (n, 3), from `_instants`, are those of the history rows. Returns outcomes,
+        status, True if full turns of pitch or roll are unclear, end times of segments followed by
+        times of changes, and history rows. Raises UnknownError as `_compile`."""
         most = float(steps.max())
         if not self.compiled:
             self._report_forecast(self.per_step * most)
@@ -541,7 +547,8 @@ def _instants(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Instants of the history rows of a case, and the index of the phase of each row (n,).
 
-    Each instant, a row of an array (n, 3), has the time, s, the index of the segment, and the side:
+    ``shape`` is the specification of the kernel, which has the segments and their delays. Each
+    instant, a row of an array (n, 3), has the time, s, the index of the segment, and the side:
     -1 just before one of the ``changes``, 1 just after it, else 0. Instants are at every interval
     ``row_interval_s``, at the begin and end of each segment (``ends`` (segments,), s), and on both
     sides of ``changes``, times (s) of changes of joints and ends of strokes within segments. While
@@ -577,7 +584,7 @@ def _instants(
 
 
 def _phase(shape: KernelSpec, number: int) -> int:
-    """Index of the phase of the segment with index ``number``; a segment in which delayed releases
-    are pending belongs to the next phase."""
+    """Index of the phase of the segment with index ``number`` of the kernel ``shape``; a segment in
+    which delayed releases are pending belongs to the next phase."""
     following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

@@ -60,8 +60,10 @@ class Sink(Protocol):
 
 @dataclass
 class MemorySink:
-    """Sink that keeps the rows of all cases in memory (``chunk_tables``: arrays by column, a dict
-    for each call of `take`), and their histories if there are columns of these, ``separation``."""
+    """Sink that keeps the rows of all cases of a campaign in memory, and their histories if there
+    are columns of these, ``separation`` (empty: no histories).
+
+    ``chunk_tables`` and ``histories`` have a dict of arrays by column for each call of `take`."""
 
     campaign: Definition
     separation: list[Column]
@@ -89,7 +91,10 @@ class MemorySink:
 @dataclass
 class ParquetSink:
     """Sink that writes a Parquet file (shard) of case rows into the run folder for every list of
-    chunks, and one of histories if there are columns of these, ``separation``."""
+    chunks, and one of histories if there are columns of these, ``separation``.
+
+    ``campaign`` gives the columns of the rows; ``campaign`` and ``spec`` (seed and wanted cases)
+    are also stated in the metadata of every shard."""
 
     campaign: Definition
     separation: list[Column]
@@ -101,8 +106,10 @@ class ParquetSink:
         shards.record_shards(self.folder, self.write(chunks))
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
-        """Write a shard of histories, if there are any, and then one of case rows; return their
-        ledger entries, which the caller has to record: only then they belong to the run."""
+        """Write a shard of histories, if there are any, and then one of case rows.
+
+        ``chunks`` are at least one, with consecutive cases. Returns the ledger entries of the
+        shards, in this order, which the caller has to record: only then they belong to the run."""
         campaign, first = self.campaign, chunks[0].first
         count = sum(len(chunk.inputs) for chunk in chunks)
         about = _about(campaign, self.spec) | {
@@ -156,7 +163,9 @@ def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
 @dataclass
 class SelectedRowWriter:
     """Writes the rows that the rules of ``selection`` select from every list of chunks into a shard
-    of the run folder, for a run that otherwise stores statistics only."""
+    of the run folder, for a run that otherwise stores statistics only.
+
+    ``campaign`` and ``spec`` (seed and wanted cases) are stated in the metadata of every shard."""
 
     campaign: Definition
     folder: Path

@@ -158,8 +158,9 @@ def refine_steps(
     """Halve the step of each case until its outcomes converge.
 
     A case has converged when ``agreements`` consecutive halvings change its decisive outcomes by at
-    most the tolerance. It is given up after nine halvings, when its changes stop falling, or when
-    it still has the status ``unresolved`` (rejected) after ``max_rejected`` halvings.
+    most the tolerance. It is given up after nine halvings, after three consecutive ones that do not
+    reduce its smallest change to half, or when it still has the status ``unresolved`` (rejected)
+    after ``max_rejected`` halvings.
 
     Parameters
     ----------

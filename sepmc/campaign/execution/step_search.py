@@ -101,7 +101,8 @@ class Search:
         its steps, of the doubling where that is smallest; twice the change of the last one if
         round-off grows with the steps. Infinite without such a doubling.
     reference_errors : ndarray, shape (o,)
-        Relative change of each outcome by the doubling with the smallest change.
+        Relative change of each outcome by the doubling with the smallest change; infinite without
+        such a doubling, 2e-12 if the file gives the step.
     work : int
         Number of steps integrated so far, over all cases and segments.
     """
@@ -251,9 +252,11 @@ class Search:
         return float(self._errors(steps)[self.is_decisive].max(initial=0.0))
 
     def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
-        """For each segment alone, the fewest steps at which the cases meet the tolerance while the
-        other segments have their ``steps`` (segments,); shape (segments,). They may be more than
-        the fewest if the search has used up its work (`is_exhausted`)."""
+        """Return, for each segment alone, the fewest steps at which the cases meet the tolerance
+        while the other segments have their ``steps`` (segments,); shape (segments,).
+
+        At all ``steps`` the cases must meet it. The result may be more than the fewest if the
+        search has used up its work (`is_exhausted`)."""
         steps_chosen = steps.copy()
         for stage in range(len(steps_chosen)):
             low, high = 0, int(steps[stage])

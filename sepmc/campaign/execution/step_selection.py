@@ -194,7 +194,8 @@ def _load(
     timing: dict[str, float] | None,
 ) -> Kernel:
     """Write the text of the kernel of a specification, with or without ``history``, and load it,
-    compiled if necessary; add seconds to the values of the keys compile and text of ``timing``."""
+    compiled if necessary (``announce`` is called with a message then); add the seconds spent to the
+    values of the keys compile and text of ``timing``, if given."""
     start, waited = time.perf_counter(), compile_wait_s()
     kernel = load_kernel(written(spec, campaign.scene.solver.method, history), announce)
     waited = compile_wait_s() - waited
@@ -212,7 +213,10 @@ def _select(
     timing: dict[str, float],
 ) -> Integration:
     """Select kernel variant and steps by calibration cases, as `select_steps` does without memory
-    and cache folder; the seconds spent are added to ``timing`` in place."""
+    and cache folder; the seconds spent are added to ``timing`` in place.
+
+    ``history`` is True if histories are to be stored, ``size`` is the number of calibration cases;
+    ``announce`` is called with messages."""
     variant: int = Variant.STANDARD
     history_size = history_rows(campaign.scene) if history and campaign.scene.joint else 0
     while True:
@@ -253,7 +257,7 @@ def _capable_variant(
     """Variant of the first of the ``remaining_kernels`` that may accept at least half of the corner
     cases that ``kernel`` rejects; None if there is none, or no corner is rejected. Only ``kernel``
     is run: the statuses with which it rejects cases show which variants may accept them
-    (`is_accepted_by`)."""
+    (`is_accepted_by`). ``size`` gives the number of corner cases."""
     steps, durations = _initial_steps(kernel)
     block, _ = integrate_cases(
         kernel,
@@ -271,8 +275,8 @@ def _capable_variant(
 
 
 def _initial_steps(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
-    """Number of steps and duration (infinite: unknown) of each segment, arrays (segments,), for a
-    first integration."""
+    """Number of steps and duration (infinite: unknown) of each segment of a kernel, two arrays
+    (segments,), for a first integration."""
     return np.full(kernel.n_segments, SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 
@@ -333,7 +337,8 @@ def _refined_case_by_case(
 def _with_history_error(
     campaign: Definition, selected: Integration, history_size: int, size: CalibrationSize
 ) -> Integration:
-    """Copy of an integration whose ``achieved`` accuracy has the error of stored histories too.
+    """Copy of the integration ``selected`` whose ``achieved`` accuracy has the error of stored
+    histories too.
 
     The error is estimated with histories of ``history_size`` rows of calibration cases; ``size``
     is the number of these. Returns the integration itself if ``history_size`` is 0 (no histories

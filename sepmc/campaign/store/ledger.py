@@ -34,8 +34,9 @@ class Entry(msgspec.Struct, frozen=True):
     sha256 : str
         SHA-256 checksum of its content, hexadecimal.
     first, cases : int
-        Number of the first case and number of cases of a shard, 0 and 0 for other files; of
-        accumulators, ``first`` is the number of cases in them, and ``cases`` is 0.
+        Number of the first case and number of cases of a shard, 0 and 0 for other files. Of a shard
+        of selected rows, ``cases`` is the number of rows, whose cases need not be consecutive. Of
+        accumulated statistics, ``first`` is the number of cases in them, and ``cases`` is 0.
     """
 
     file: str
@@ -64,7 +65,7 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def cases_text(self) -> str:
-        """Range of cases in words, such as "cases 0 to 99"."""
+        """Range of cases in words, such as "cases 0 to 99", for a shard of consecutive cases."""
         return f"cases {self.first} to {self.first + self.cases - 1}"
 
 

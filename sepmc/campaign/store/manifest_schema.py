@@ -92,6 +92,11 @@ class _Accuracy(Struct):
 class _Manifest(Struct):
     """Keys and types of the manifest of a campaign, a rare-event estimate or a single case.
 
+    ``format`` is that of the run folder (`FORMAT`). ``campaign`` is the name of the campaign,
+    ``seed`` the random seed, and ``sampler`` the sampling method. ``sessions`` has an entry for
+    each command that ran cases; ``accuracy`` is on steps and numerical errors (None if unknown);
+    ``notes`` are those for the user.
+
     ``cases`` is the number of wanted cases; ``numbers`` are their case numbers, as 25:50,73, if
     they are not all ``of`` cases of the sample. ``complete`` is True once all of them have run.
     ``stats_only`` is True if case rows are not stored, except those that the rules ``keep`` select.
@@ -206,8 +211,8 @@ def read(content: bytes) -> dict[str, Any]:
 
 
 def _check(manifest: Any) -> None:
-    """Raise ValueError, with the place, if JSON data have too large values, are nested too deep, or
-    have texts with control characters."""
+    """Raise ValueError, with the place, if the JSON data of a manifest or of a part of one have too
+    large values, are nested too deep, or have texts with control characters."""
     problems = Problems()
     with contextlib.suppress(TooManyProblems):
         check_tree(manifest, problems, _TEXT)

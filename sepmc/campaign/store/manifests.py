@@ -154,8 +154,8 @@ def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
 
 
 def _changed_campaign(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield a fault if the campaign file of a folder is missing or was changed, and one if its
-    sample table is."""
+    """Yield a fault if the campaign file of a folder is missing or was changed since its
+    ``manifest`` was written, and one if the sample table in the ledger is."""
     try:
         checksum = ledger.checksum(
             untrusted.read_bounded(folder / folders.CAMPAIGN, CAMPAIGN_BYTES)
@@ -186,8 +186,8 @@ def restore_advice(folder: Path) -> str:
 
 
 def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield a fault if the ledger of a complete run has other entries than when the manifest was
-    written."""
+    """Yield a fault if the ledger of a complete run is gone or has other entries than when its
+    ``manifest`` was written; none for an incomplete run, whose ledger still changes."""
     files = ledger.read(folder).values()
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         reason = f"was changed: it lists {len(files)} files instead of {manifest['files']}"
