@@ -289,9 +289,9 @@ def integrate(
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
     """Mask (n,) of the rejected cases (negative ``status``) that a kernel ``variant`` may accept.
 
-    ``status`` (n,) is that of the rejection, FINER_STEPS or the variant that is needed; the mask is
-    False where it is not negative. ``finite`` (n,) is True for cases with finite outcomes: if such a
-    case needs smaller steps only, the variant LEAST_SQUARES does not help.
+    ``status`` (n,) is FINER_STEPS or the first variant that may accept the case; the mask is False
+    where it is not negative. ``finite`` (n,) is True for cases with finite outcomes: if such a case
+    needs smaller steps only, the variant LEAST_SQUARES does not help.
     """
     finer = (status == FINER_STEPS) & finite
     return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))

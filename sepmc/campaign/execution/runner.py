@@ -358,7 +358,8 @@ class Runner:
 
     @property
     def too_many_failed(self) -> bool:
-        """True if more cases failed, those of the resumed run included, than ``max_failures``."""
+        """True if more cases failed, those of the resumed run included, than ``max_failures``;
+        False if that is None."""
         failure_notes = self.previous.summary.failures + self.failures
         return self.options.max_failures is not None and failure_notes > self.options.max_failures
 
