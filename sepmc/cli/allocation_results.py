@@ -70,7 +70,9 @@ def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]
 
 
 def _without_proposal(allocation: Allocation) -> str:
-    """Return a sentence on why an allocation proposes nothing, or its proposal is not shown."""
+    """Return the sentence that stands in place of a proposal: no spread helps when it is halved,
+    halving all that help is not enough, or no spread can be doubled. The last one also says whether
+    the unchanged spreads pass their run with another seed."""
     if allocation.verdicts is None:
         return (
             "no proposal: no single halved spread lowers the probability with 95 % confidence: "
@@ -108,8 +110,8 @@ def _passes(row: Mapping[Any, Any]) -> str:
 
 
 def _file_lines(settings: Mapping[str, Any]) -> list[str]:
-    """Return lines for the table [dispersion] of a campaign file, from distributions by TOML
-    path."""
+    """Return lines for the table [dispersion] of a campaign file. ``settings`` has the
+    distributions by TOML path, ``dispersion.`` and the key of the line."""
     return [
         f'"{key.removeprefix("dispersion.")}" = {inline_toml(value)}'
         for key, value in settings.items()

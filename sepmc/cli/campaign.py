@@ -209,8 +209,12 @@ def _run(
     options: "RunOptions",
     quiet: bool,
 ) -> "Result":
-    """Run a campaign into a folder with a progress bar, and return the result. If it is
-    interrupted, print the command that resumes the run, and exit."""
+    """Run a campaign into a folder with a progress bar (none if ``quiet``), and return the result.
+    If it is interrupted, print the command that resumes the run, and exit.
+
+    ``cases``, ``seed`` and ``threads`` are those of `Campaign.run`; the ``progress`` of ``options``
+    is replaced.
+    """
     from sepmc.campaign.store import folders
 
     selection, _ = campaign.select_cases(cases)

@@ -122,8 +122,8 @@ def _show_scene(campaign: "Campaign", spec: "KernelSpec") -> None:
 
 
 def _input_warnings(campaign: "Campaign") -> list[str]:
-    """Return warnings about a campaign that need no simulation: on its file, on its sampling, and
-    on inertias that no solid body has among its first million cases."""
+    """Return warnings about a campaign that need no simulation: on its file and its sampling, and
+    on the cases, among the first million or so, with inertias that no solid body can have."""
     from sepmc.campaign.execution.diagnostics import file_notes, sampling_notes
     from sepmc.campaign.execution.runner import implausible_note
 

@@ -188,9 +188,12 @@ def _resampled(
 
 
 def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, ...]:
-    """Return a tuple (seed, sampler, paths of jointly sampled parameters, number of cases). Two
-    runs with equal tuples have the same random numbers; paths and number are empty and 0 where the
-    random numbers do not depend on them."""
+    """Return the tuple (seed, sampler, paths of jointly sampled parameters, number of cases) of a
+    run, given by its manifest and its campaign.
+
+    Two runs with equal tuples have the same random numbers. The paths are an empty tuple, and the
+    number is 0, where the random numbers of the sampler do not depend on them.
+    """
     from sepmc.campaign.cases import SIZE_DEPENDENT
     from sepmc.scene.model import SALTELLI
 
@@ -203,8 +206,8 @@ def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, .
 
 
 def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
-    """Return, by column of an input, a tuple with its distribution and correlations; two inputs
-    with equal tuples have equal distributions."""
+    """Return a tuple with the distribution and the correlations of each dispersed input, by column;
+    an input has the same distribution in two campaigns if its tuples there are equal."""
     dispersions = campaign.file.dispersions
     distributions: dict[str, tuple[Any, ...]] = {
         d.parameter.column: (d.distribution, d.numbers, d.weights) for d in dispersions
@@ -219,9 +222,10 @@ def _samples(
     rows: Sequence[Any], tables: Sequence[Any], names: list[str]
 ) -> "dict[str, tuple[np.ndarray, np.ndarray]]":
     """Return, by outcome, the finite values (n,) and (m,) of the ok cases of two runs. Values of a
-    constant outcome are all its constant. Outcomes without values in a run are left out.
+    constant outcome are all its constant. Outcomes without values in one of the runs are left out.
 
-    ``rows`` and ``tables`` are the case columns and the statistics of each run.
+    ``rows`` and ``tables`` are the case columns and the statistics of each run, ``names`` the
+    outcomes.
     """
     import numpy as np
 

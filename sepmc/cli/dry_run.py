@@ -27,7 +27,11 @@ def show_forecast(
 ) -> None:
     """Print a forecast of a run of a campaign into a folder (columns of a row, disk, memory, time),
     and write nothing. The time is measured on a few cases; if the kernel is not compiled yet, the
-    command that compiles it, ``compile_command`` by words, is printed in place of the time."""
+    command that compiles it, ``compile_command`` by words, is printed in place of the time.
+
+    ``cases`` is a number of cases or a selection of case numbers; None, and None for ``seed``, are
+    the values of the campaign. With ``stats_only`` the run would store no rows.
+    """
     from sepmc.campaign.execution.forecast import forecast, size_text, time_text
     from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 
@@ -82,8 +86,9 @@ def _time_per_case(
     All cores are used, and start-up costs are not counted.
 
     ``total`` is the number of cases of the whole sample, ``separation`` the columns of stored
-    histories: if there are any, the cases are integrated with their histories. Returns the seconds
-    per case, and the number of cases measured.
+    histories: if there are any, the cases are integrated with their histories. The measurement is
+    repeated on more cases until it takes long enough. Returns the seconds per case, and the number
+    of cases of the last measurement.
     """
     from sepmc.campaign.execution.integration import history_rows
     from sepmc.campaign.execution.integration import integrate as integrate_samples

@@ -21,8 +21,11 @@ _MOST_PAIRS = 8  # correlations shown
 
 
 def count_sweeps(log: Log) -> Callable[[float, int], None]:
-    """Return a function (temperature, sweeps), to call after each move of the sampler, that logs
-    the progress at most every five seconds."""
+    """Return a function that logs the progress of the sampler, at most every five seconds.
+
+    It is to be called after each move of all cases with the temperature (fraction of the
+    information of the measurements that is in use, 0 to 1) and the number of moves so far.
+    """
     last = time.monotonic()
 
     def report(temperature: float, sweeps: int) -> None:

@@ -200,7 +200,8 @@ def _draw_bands(
 ) -> list[Path]:
     """Draw percentile bands of the histories of the ok cases among the first `_BANDED` cases that a
     run folder stores, into the folder ``into``; returns the files written, none without histories.
-    ``about`` is the title of the figures, ``suffix`` the ending of the files."""
+    ``units`` has the unit of each outcome by name, ``about`` is the title of the figures,
+    ``suffix`` the ending of the files."""
     from sepmc.campaign.store import shards
 
     below = shards.case_after(folder, _BANDED)
@@ -226,8 +227,10 @@ def draw_fractions(
     """Draw the fraction of cases beyond each value of the required outcomes, and how the means of
     the outcomes ``converged`` converge with the number of cases.
 
-    Nothing is drawn if the run has no case rows. ``constants`` has the values of constant outcomes,
-    by name, ``suffix`` is the ending of the files. Returns those written into the folder ``into``.
+    The required outcomes are those of the ``verdicts``, without outcomes that are yes or no or that
+    no case has. Only ok cases count in the means; a run without case rows has no figures.
+    ``constants`` has the values of constant outcomes, by name, ``suffix`` is the ending of the
+    files. Returns the files written into the folder ``into``.
     """
     import numpy as np
 

@@ -33,7 +33,9 @@ class InputSensitivity:
     sensitivities : dict of str to DataFrame
         By outcome: sensitivity measures, a row per input.
     attributions : dict of str to list of Attribution
-        By kind of failure: inputs that distinguish its cases.
+        By kind of failure, also for requirements that no case violates: inputs, and pairs of
+        inputs, that distinguish its cases. Empty if none does, or if the test is invalid for the
+        ``design``.
     failures : dict of str to str
         By kind of failure that occurred: text with the number of its cases.
     keys : dict of str to str

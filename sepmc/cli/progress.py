@@ -14,7 +14,10 @@ _EVERY_S = 5.0  # between lines of progress where there is no terminal
 def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
     """Context manager: yield a function to call with numbers of cases (done, total, failures). It
     shows a bar on a terminal, else it prints a line every five seconds. Yield None if ``quiet``.
-    ``total`` is the number of cases until the first call."""
+
+    The first call, with 0 cases done, starts the clock of the rate. ``total`` is the number of
+    cases that the bar shows until then.
+    """
     if quiet:
         yield None
         return

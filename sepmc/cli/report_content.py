@@ -251,9 +251,9 @@ def _cell(value: Any) -> str:
 def _points(
     campaign: Campaign, run: RunStatistics, folder: Path, outcomes: Sequence[str]
 ) -> dict[str, Any]:
-    """Return the values of the first `_INPUTS` inputs and of those ``outcomes`` that are not
-    constant, for the figure of the page that can be zoomed
-    (`sepmc.report.case_points.case_points`)."""
+    """Return the data of the figure of the page that can be zoomed, as
+    `sepmc.report.case_points.case_points` returns them: of the first `_INPUTS` inputs, and of those
+    ``outcomes`` that are not constant."""
     return case_points(
         CaseColumns(folder),
         [name for name in outcomes if not is_constant(run.table, name)],

@@ -116,8 +116,9 @@ def show_selected(
     folder: Path, campaign: "Campaign", terms: tuple[str, ...], columns: str | None, as_json: bool
 ) -> None:
     """Print statistics and verdicts of the cases of a run that satisfy all conditions ``terms``, as
-    tables or, if ``as_json``, in the form of ``statistics.json``. Raises InputError if there are
-    none."""
+    tables or, if ``as_json``, in the form of ``statistics.json``. Statistics are only of the
+    outcomes that match ``columns`` (patterns separated by commas; all if None). Raises InputError
+    if no case satisfies the conditions, or a pattern matches no outcome."""
     import pandas as pd
 
     from sepmc.analysis import requirements_text, row_filter

@@ -78,8 +78,12 @@ def render_limits(limits: LimitCases, campaign: Campaign) -> str:
 
 
 def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
-    """Return text on a limit case and requirement ``name``: outcome, margin in parentheses and, if
-    it is not met, VIOLATED; a case without an outcome counts as violated."""
+    """Return text on requirement ``name`` in a limit case, a ``row`` of `LimitCases.table`: the
+    outcome, its margin in parentheses and, if the requirement is not met, VIOLATED.
+
+    A requirement without a numeric outcome, such as one on a status, has only its verdict. A case
+    without the outcome counts as a violation: "no outcome VIOLATED".
+    """
     verdict, value = row[name], row[f"{name}_outcome"]
     text = "" if math.isnan(value) else f"{value:.5g} ({row[f'{name}_margin']:+.3g})"
     if verdict == MET:

@@ -43,8 +43,8 @@ class SingleRun:
     plots : bool
         Draw figures.
     run : Path or None
-        Run folder whose row of the case is checked against the simulation; figures then show the
-        nominal case behind. None: no check.
+        Run folder whose row of case ``number`` is checked by integrating it again; figures then
+        show the nominal case behind. None: no check, and no nominal case in the figures.
     animate : str or None
         Format of an animation to write, "gif" or "mp4"; None: no animation.
     """

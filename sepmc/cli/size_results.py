@@ -45,7 +45,7 @@ def sizing_record(
     command: str,
 ) -> dict[str, Any]:
     """Return all that a reviewer needs of a sizing as JSON data: what was varied and minimised, the
-    search and the designs in it that are nearest to the chosen one, and the verdict.
+    search and the designs in it whose costs are nearest to that of the chosen one, and the verdict.
 
     Parameters
     ----------
@@ -104,8 +104,8 @@ def _distinct(sizing: Sizing) -> "pd.DataFrame":
 
 
 def _not_accepted(sizing: Sizing) -> dict[str, float] | None:
-    """Return the design, values by TOML path, that is nearest to the chosen one among those that
-    the search did not accept; None with several variables, or if there is none."""
+    """Return the design, as {TOML path: value}, that is nearest to the chosen one among those that
+    the search did not accept. None with more than one design variable, or if all were accepted."""
     rejected = sizing.searched[sizing.searched["margin"] < 0.0]
     if len(sizing.values) > 1 or rejected.empty:
         return None

@@ -78,6 +78,11 @@ def store(name: str, symbols: list[str], code: bytes) -> None:
         Symbol of the function in the object file, then the symbols outside of it that it needs.
     code : bytes
         Content of the object file.
+
+    Raises
+    ------
+    OSError
+        As `put`.
     """
     put_sealed(_path(name), json.dumps(symbols).encode() + b"\n" + code)
 

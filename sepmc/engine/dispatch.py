@@ -128,20 +128,22 @@ class Block:
 
     @property
     def error(self) -> np.ndarray:
-        """Estimated relative error of each case (n,): the last audit column, ``error``."""
+        """Estimated relative error of each case (n,): the last audit column, ``error``. The
+        kernel leaves it NaN; it is estimated afterwards."""
         return self.outcomes[:, -1]
 
     @property
     def has_indicators(self) -> np.ndarray:
-        """Mask (n,) of the cases whose error indicators are all known. The error of the other cases
-        becomes known only when they are integrated again."""
+        """Mask (n,) of the cases whose error indicators are all known (neither NaN nor minus
+        infinity). The error of the other cases becomes known only when they are integrated again.
+        ``indicators`` must not be None."""
         assert self.indicators is not None
         return np.asarray((self.indicators >= 0.0).all(axis=1))
 
     @property
     def turns_unclear(self) -> np.ndarray:
         """Mask (n,) of the cases whose steps were too long to count the full turns of pitch and
-        roll."""
+        roll; False in all cases if ``indicators`` is None."""
         if self.indicators is None:
             return np.zeros(len(self.status), dtype=bool)
         return np.asarray(np.isneginf(self.indicators).any(axis=1))

@@ -78,8 +78,9 @@ def split_header(title: str, kind: str) -> tuple[str, str]:
 
 
 def _unit(text: str, units: dict[str, float]) -> str:
-    """Unit suffix of keys, one of ``units``, that a spelling such as ``m/s`` means. For a spelling
-    that means none of them a text that is not in ``units`` is returned, mostly the spelling."""
+    """Unit suffix of keys, one of ``units``, that a spelling such as ``m/s`` means. For any other
+    spelling the result is not in ``units``: the spelling itself, or the suffix of a unit of another
+    kind of quantity."""
     if text in units:
         return text
     spelling = _SPELLINGS.get(text.lower(), text)
@@ -185,9 +186,9 @@ class Columns:
 
 
 def values_in_si(values: np.ndarray, title: str, unit: str, kind: str) -> np.ndarray:
-    """Convert the values (n,) of the column ``title`` from ``unit``, a suffix of keys or "degC", to
-    SI. ``kind`` is the kind of quantity, a key of `UNITS`. Raises FormatError if the unit is empty
-    or not one of this kind."""
+    """Return the values (n,) of the column ``title``, converted to SI from ``unit``, a suffix of
+    keys or "degC" (temperatures only). ``kind`` is the kind of quantity, a key of `UNITS`. Raises
+    FormatError if the unit is empty or not one of this kind."""
     units = UNITS[kind]
     if kind == "temperature" and unit == "degC":
         return values + _ZERO_CELSIUS

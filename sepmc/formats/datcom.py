@@ -344,8 +344,8 @@ def _table(output: Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
 
 
 def _common_alphas(blocks: list[Block]) -> tuple[list[float], list[float]]:
-    """Angles of attack, deg, rising, for which all blocks have CN and CA, and those for which some
-    do not."""
+    """Two lists of the angles of attack, deg, rising, for which a block has any value: those for
+    which all blocks have CN and CA, and the others."""
     all_alphas = sorted({a for b in blocks for column in b.values.values() for a in column})
     complete = [
         a for a in all_alphas if all(a in b.values["CN"] and a in b.values["CA"] for b in blocks)

@@ -56,10 +56,23 @@ class Value:
 
 @dataclass
 class Table:
-    """Table over ALPHA with the heading of its page: its ``configuration``, ``conditions`` such as
-    altitude, and ``references``, the reference quantities with unit, as text, by title. ``rates``
-    is true on pages of dynamic derivatives, ``forces`` if CN and CA are among its titles; angles
-    are in deg."""
+    """Table over ALPHA that a page prints, with the heading of the page.
+
+    Attributes
+    ----------
+    configuration, conditions : str
+        Name of the configuration of the vehicle, and conditions such as altitude.
+    rates : bool
+        True on pages of dynamic derivatives.
+    forces : bool
+        True if both CN and CA are among the titles of the table.
+    mach, beta : float
+        Mach number and sideslip of the table, deg.
+    references : dict of str to str
+        Reference quantities by title, as printed: number and, where it has one, unit.
+    values : list of Value
+        Numbers of the table in the order of the file.
+    """
 
     configuration: str
     conditions: str
@@ -78,7 +91,7 @@ class Table:
 
 @dataclass
 class Case:
-    """Tables of one case in the order of the file, and its name, if it has one."""
+    """Tables of one case in the order of the file, and its name, empty if it has none."""
 
     name: str = ""
     tables: list[Table] = field(default_factory=list)
@@ -98,8 +111,9 @@ class Block:
 
 @dataclass
 class Output:
-    """Values of one configuration of a case: a block for each Mach number and sideslip, its
-    reference quantities with unit, as text, by title, and sentences on the choice."""
+    """Values of one configuration of a case: ``blocks``, one for each Mach number and sideslip;
+    ``references``, the reference quantities with unit, as text, by title; and ``understood``,
+    sentences for the user on which configuration and tables were chosen."""
 
     blocks: list[Block] = field(default_factory=list)
     references: dict[str, str] = field(default_factory=dict)
@@ -317,8 +331,8 @@ class _Pages:
         return False
 
     def _begin(self, case: int) -> None:
-        """Go to the case of a number, which is created if needed; of another case, the reference
-        quantities are not kept."""
+        """Make ``case`` the number of the case that is read; that case is created if it is not
+        there. If the number changes, the reference quantities are forgotten."""
         if case != self.case:
             self.references = {}
         self.case = case
@@ -354,7 +368,8 @@ class _Pages:
             self.cases[self.case].name = name
 
     def _condition(self, line: str, upper: str) -> None:
-        """Read the conditions of flight and the reference quantities in a line, if it has some."""
+        """Read the conditions of flight and the reference quantities in a line, if it has some;
+        ``upper`` is the line in capitals."""
         if match := _MACH.search(line):
             self.mach, self.titles = float(match[1]), []
         if match := _BETA.search(line):
@@ -384,10 +399,13 @@ class _Pages:
                 self.references[name] = f"{value} {self.length_unit}{square}".strip()
 
     def _row(self, line_number: int, cells: list[tuple[str, float]]) -> None:
-        """Add the values of a printed line to the table below its titles; ``cells`` are pairs
-        (text, middle column). If there are as many cells as titles, they belong together in order;
-        else a value belongs to the title whose column is nearest. Values that are not printed (NDM,
-        NA, ***) are left out."""
+        """Add the values of a printed line to the table below its titles. ``cells`` are pairs
+        (text, column of its middle), the first of which is alpha.
+
+        If there are as many cells as titles, they belong together in order; else a value belongs to
+        the title whose column is nearest. Values that are not printed (NDM, NA, ***) are left out,
+        and so is a line without a printed alpha.
+        """
         if self.table is None:
             self.table = self._new_table()
             self.cases[self.case].tables.append(self.table)

@@ -167,10 +167,11 @@ def _turn_signs(
     """Multiply the ``scale`` of ``columns``, in place, by the signs that the file states, and
     return sentences on the signs that are turned or not stated.
 
-    ``coefficients`` are variable and scale of the campaign by coefficient. ``convention`` is that
-    of the campaign: with "datcom" the side force is turned later, so one whose sign the file states
-    is made positive to the right here; any other is taken as such. Raises FormatError as
-    `sign_of`."""
+    ``columns`` has by coefficient a table whose ``scale`` is set, ``coefficients`` the varID and
+    the scale that the campaign gives, ``variables`` the definitions by varID. ``convention`` is
+    that of the campaign: with "datcom" the side force is turned later, so one whose sign the file
+    states is made positive to the right here; one whose sign it does not state is taken as positive
+    to the right. Raises FormatError as `sign_of`."""
     turned, assumed = [], []
     for key, (variable, scale) in coefficients.items():
         if key not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):

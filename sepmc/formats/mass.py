@@ -134,8 +134,8 @@ def _origin(value: Any) -> list[float]:
 
 def _choose(elements: list[Element], name: Any, what: str) -> Element:
     """Return the element whose attribute ``name`` is ``name``, or the only element if that is None;
-    ``what`` is the noun of messages. Raises FormatError if there is none, or no name to choose
-    by."""
+    ``what`` is the noun of messages. Raises FormatError if there is no such element, or there are
+    several and ``name`` is None."""
     names = [each.attributes.get("name", "") for each in elements]
     if not elements:
         raise FormatError(f"has no {what} with mass properties")
@@ -243,9 +243,12 @@ def _orientation(
     inertial: Element, compiler: dict[str, str], include: Element | None
 ) -> np.ndarray:
     """Rotation matrix (3, 3) that takes components in the axes of the element ``inertial`` to those
-    in the axes of its body. ``compiler`` has attributes that say how angles are meant. Raises
-    FormatError for an orientation that is not valid, and for angles if there is an element
-    ``include``, whose file may change how they are meant."""
+    in the axes of its body; the identity if it states no orientation.
+
+    ``compiler`` has the attributes of MJCF's element ``compiler``: unit of angles and sequence of
+    Euler angles. Raises FormatError for an orientation that is not valid, and for angles if there
+    is an element ``include``, whose file may change this unit and this sequence.
+    """
     known = [k for k in ("quat", "euler", "axisangle", "xyaxes", "zaxis")
              if k in inertial.attributes]  # fmt: skip
     if not known:

@@ -67,7 +67,8 @@ class MappedChannel:
 @dataclass(frozen=True)
 class _Raw:
     """Channel as it is in a file: times (n,), s, values (n,) in ``unit`` (empty: in that of the
-    title, if it has one), and the line number of each sample in a text file."""
+    title, if it has one), and ``lines``, the line number of each sample, empty unless the file is a
+    text file."""
 
     time: np.ndarray
     values: np.ndarray
@@ -141,7 +142,10 @@ def read_telemetry(
     Raises
     ------
     FormatError
-        If the file cannot be read, or a channel or its time is missing, not unique or not valid.
+        If the file cannot be read, or a channel or its time is missing, not unique or not valid,
+        such as one with fewer than two finite samples.
+    InputError
+        If the library that reads such files is not installed.
     """
     channels, remarks = _channels(path, time)
     if not mapped:

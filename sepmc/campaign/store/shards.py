@@ -331,8 +331,8 @@ def read_shard(folder: Path, entry: ledger.Entry) -> dict[str, np.ndarray]:
 
 
 def drop_damaged(folder: Path, with_histories: bool) -> int:
-    """Delete damaged shards of cases from a folder and its ledger, so that their cases can be run
-    again.
+    """Delete missing and damaged shards of cases from a folder and its ledger, so that their cases
+    can be run again.
 
     With ``with_histories`` (True), a shard of cases whose shard of histories is missing or damaged
     is deleted too. All selected rows, and all shards that are not in the ledger, are also deleted.
@@ -391,8 +391,8 @@ def campaign_text(file: CampaignFile, **run: Any) -> str:
     """TOML text of a campaign for a run folder, with the values ``run`` in place of those of its
     ``[run]`` table.
 
-    A sample table is that of the run folder. Measurements are left out, as their files are
-    elsewhere.
+    If the campaign has a sample table, the text names its copy in the run folder. Measurements are
+    left out, as their files are elsewhere.
     """
     settings = run | ({"samples": folders.SAMPLES} if file.input_table else {})
     tree = {key: value for key, value in file.tree.items() if key != "measurement"}
@@ -596,8 +596,8 @@ def _read_rows(
 
 
 def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
-    """Unit of each column by name, from the first shard of a ``kind`` (data folder); empty if there
-    is no such shard."""
+    """Unit of each column by name, from the first shard of a ``kind`` (data folder): an empty text
+    for a column without a unit. No columns if there is no such shard."""
     part = next(iter(entries(folder, kind)), None)
     if part is None:
         return {}
