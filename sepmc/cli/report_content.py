@@ -182,8 +182,8 @@ def _content(
 
 def sizing_table(folder: Path) -> list[page.PlainTable]:
     """Return a list with the section of the report on a sizing, if the run in ``folder`` is its
-    verdict run: sentences, and a table of the designs searched that are nearest to the chosen one.
-    Empty for any other run."""
+    verdict run: sentences, and a table of the designs searched whose costs are nearest to that of
+    the chosen one. Empty for any other run."""
     if not manifests.is_recorded(folder, folders.SIZING):
         return []
     sizing = json.loads((folder / folders.SIZING).read_text(encoding="utf-8"))

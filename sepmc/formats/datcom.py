@@ -162,8 +162,8 @@ def _metres_per_unit(text: str) -> float:
 
 def _moment_point(text: str, output: Output, aero: dict[str, Any]) -> list[str]:
     """Return a sentence if the moment centre that a case prints and ``moment_point`` of the
-    aerodynamics differ, or there is no ``moment_point``; else none. Their stations may begin at
-    different points, so this is no error."""
+    aerodynamics differ, or there is no ``moment_point``; else an empty list, also if no moment
+    centre is printed. Their stations may begin at different points, so this is no error."""
     printed = output.references.get("MOMENT CENTER")
     if printed is None:
         return []

@@ -150,7 +150,8 @@ def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[s
 
 
 def _side_sign(table: dict[str, Any]) -> list[str]:
-    """Sentence on the sign in which the side force of a deck is taken; none without one."""
+    """Sentence on the sign in which the side force of a deck is taken; an empty list if the deck
+    has no side force."""
     if not {"side", "side_p", "side_r"} & table.keys():
         return []
     return [
