@@ -152,7 +152,8 @@ def load_campaign(
     """Read and validate a campaign file, run folder or shipped campaign.
 
     ``settings`` (texts PATH=VALUE), ``sampler`` and the table ``samples`` replace values of the
-    file. Its warnings are printed if ``warn``. If ``verify``, a run folder must be unchanged.
+    file. Its warnings are printed if ``warn``. Raises SceneError for errors in the file and, if
+    ``verify``, StoreError if the files of a run folder were changed.
     """
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.settings import parse_setting
