@@ -66,9 +66,9 @@ class MappedChannel:
 
 @dataclass(frozen=True)
 class _Raw:
-    """Channel as it is in a file: times (n,), s, values (n,) in ``unit`` (empty: in that of the
-    title, if it has one), and ``lines``, the line number of each sample, empty unless the file is a
-    text file."""
+    """Channel as it is in a file: times (n,), s, and values (n,), in ``unit`` (empty: in that of
+    the title, if it has one). ``lines`` has the line number of each sample in a text file; it is
+    empty for other files."""
 
     time: np.ndarray
     values: np.ndarray
@@ -225,8 +225,9 @@ def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChann
 
 
 def _titles(name: str, channels: Mapping[str, _Raw]) -> list[str]:
-    """Titles of the channels that a name may mean: the title equal to it, else all that end in it
-    after a dot, else all that are the name and a number or a unit in brackets; empty if none."""
+    """Titles of the channels that a name may mean: the title equal to it, else all whose
+    part after the last dot is it, else all that are the name followed by a number (``#1``) or a
+    unit in brackets; empty if none."""
     if name in channels:
         return [name]
     ends = [title for title in channels if title.rpartition(".")[2] == name]
@@ -266,9 +267,10 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
 
 
 def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
-    """Read all channels of a file, by title, and the warnings of the library that reads it.
-    ``time`` is the name of the channel of the time. Raises FormatError if the file is damaged,
-    InputError if the library is not installed."""
+    """Read all channels of a file, by title, and the warnings of the library that reads it (none
+    for a table). ``time`` is the name of the channel of the time; None: the one called "time", "t"
+    or the like. Raises FormatError if the file is damaged or has no channels, InputError if the
+    library is not installed."""
     kind = path.suffix.lower()
     if kind not in (".mat", *_PACKAGES):
         table = read_table(path, most=FILE_BYTES, gaps=True)
@@ -332,9 +334,10 @@ def _collected_warnings() -> Iterator[list[str]]:
 
 
 def _by_library(path: Path, kind: str, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
-    """Read all channels of a file by a library, by title, and the library's warnings; ``kind`` is
-    the ending of the file's format, such as ".mat", ``time`` the title of the time, as for
-    `_time_title`. Raises FormatError for any error of the library."""
+    """Read all channels of a file by a library, by title, and the library's first three different
+    warnings, shortened. ``kind`` is the ending of the file's format, such as ".mat", ``time`` the
+    name of the channel of the time, or None, as for `_channels`. Raises FormatError for any error
+    of the library."""
     readers: dict[str, Callable[[Path, str | None], dict[str, _Raw]]]
     readers = {".mat": _of_matlab, ".mf4": _of_mdf, ".mdf": _of_mdf, ".tdms": _of_tdms}
     readers |= dict.fromkeys((".h5", ".hdf5"), _of_hdf5)
@@ -357,7 +360,8 @@ def _of_table(
     lines: tuple[int, ...] = (),
 ) -> dict[str, _Raw]:
     """Channels from columns of equal length, one of which is the time, by title with ``stem`` in
-    front. ``lines`` are the line numbers of the rows. Raises FormatError without a valid time."""
+    front; the time itself is no channel. ``time`` is as for `_time_title`, ``lines`` are the line
+    numbers of the rows. Raises FormatError without a valid time."""
     title = _time_title(columns, time)
     unit = split_header(title, "time")[1]
     factor = UNITS["time"].get(unit or "s")
@@ -373,7 +377,8 @@ def _of_table(
 
 def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
     """Title of the column of the time: the one called ``time`` or, if that is None, "time", "t" or
-    the like. Raises FormatError if there are none or several."""
+    the like. Case, punctuation and a unit in the titles are ignored, unless a title equals ``time``
+    exactly. Raises FormatError if no column or several have such a title."""
     if time is not None and time in columns:
         return time
     wanted = _TIMES if time is None else (plain(time),)
@@ -436,10 +441,11 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
 
 
 def _of_structs(content: Mapping[str, Any], time: str | None) -> dict[str, _Raw]:
-    """Channels from the vectors of nested structs, by dotted title; a vector is a channel if its
-    struct has a vector of time of the same length. That is the one called ``time`` (of a dotted
-    name, its last part) or, if that is None, "time", "t" or the like. Raises FormatError if there
-    are no channels."""
+    """Channels from the vectors in ``content``, the vectors and structs of a file by name, by
+    dotted title. A vector is a channel if its struct has a vector of time of the same length. That
+    is the one called ``time`` (of a dotted name, its last part) or, if that is None, "time", "t" or
+    the like. Structs nested more than four deep are left out. Raises FormatError if there are no
+    channels."""
     channels: dict[str, _Raw] = {}
     _add_vectors(channels, content, "", time, 0)
     if not channels:
@@ -470,7 +476,8 @@ def _add_vectors(
 
 def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of an MDF file, each of which has its own time; ``time`` is not used.
-    Channels that share a name are all read, with titles such as ``group 3.NAME``."""
+    Channels that share a name are all read, with titles such as ``group 3.NAME``; those without
+    samples, or whose samples are not single numbers, are left out."""
     asammdf = import_module("asammdf")
 
     channels: dict[str, _Raw] = {}

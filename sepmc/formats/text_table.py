@@ -224,8 +224,8 @@ def _first_row(lines: list[tuple[int, str]], gaps: bool, comments: list[str]) ->
 
 
 def _is_row_with_gaps(line: str, separator: str, row: str) -> bool:
-    """True if a line has as many cells as the line ``row``, of which some are blank and all others
-    are numbers."""
+    """True if a line has as many cells as ``row``, a line of numbers, and at least one of its cells
+    is blank and all others are numbers."""
     cells = _cells(line, separator)
     known = [cell for cell in cells if cell]
     return len(known) < len(cells) == len(_cells(row, separator)) and all(map(_is_number, known))
@@ -253,8 +253,8 @@ def number(cell: str) -> float:
 
 def _header(lines: list[tuple[int, str]], separator: str) -> list[str]:
     """Names of the columns from the lines (line number, text) before the numbers: the cells of the
-    last line or, if those are all units, of the line above with these units as ``name (unit)``.
-    Empty without lines."""
+    last line or, if those are all units, of the line above with these units as ``name (unit)``, if
+    it has as many cells. Empty without lines."""
     if not lines:
         return []
     cells = _cells(lines[-1][1], separator)
@@ -278,8 +278,9 @@ def _numbers(
     header: list[str], rows: list[tuple[int, list[str]]], separator: str, gaps: bool
 ) -> dict[str, np.ndarray]:
     """Convert the cells of ``rows`` (line number, cells) to columns (n,) by the names of
-    ``header``; columns with a blank name are left out. Raises FormatError for a wrong number of
-    cells and, as in `read_table`, for gaps."""
+    ``header``; columns with a blank name are left out. With ``gaps``, as in `read_table`, blank
+    cells and text become NaN. Raises FormatError for a wrong number of cells and, without ``gaps``,
+    for a cell that is not a finite number; ``separator`` is named in it."""
     header = [name.translate(_INVISIBLE) for name in header]
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip

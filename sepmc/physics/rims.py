@@ -57,7 +57,7 @@ def rim_gap(rim, shell, margin):
     distance : float
         m; infinite if no point of the rim lies between the ends, NaN if a number is NaN.
     on_rim, on_wall : tuple of 3 float
-        Nearest points of the rim and of the wall, m.
+        Nearest points of the rim and of the wall, m; without meaning if the distance is not finite.
     """
     noinline()
     centre, normal, radius = rim

@@ -208,8 +208,9 @@ def _scale_note(rows: pd.DataFrame) -> str:
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     """Draw error over time per case of each engine, a line per kind of setting (tolerance, or order
-    and steps by hand). Of an engine with a default setting, as sepmc, only the kind of the default
-    is drawn.
+    and steps by hand). The column ``ms`` of ``frame`` is the time of 10,000 cases; rows whose error
+    is not finite are left out. Of an engine with a default setting, as sepmc, only the kind of the
+    default is drawn.
 
     Errors below a third of ``floor``, the resolution of the reference, are drawn at that third.
     Times that were scaled up from fewer cases get markers without a line.
@@ -312,7 +313,8 @@ def _stages(frame: pd.DataFrame, title: str, _: float) -> Figure:
 
 def _scaling(frame: pd.DataFrame, title: str, _: float) -> Figure:
     """Draw kernel time per case and peak memory over the number of cases, and the speed-up over the
-    number of threads."""
+    number of threads; the column ``over`` of ``frame`` says which of the two ("cases" or "threads")
+    a row is for."""
     figure, (left, middle, right) = make_axes(1, 3, (3.67, 3.9))
     by_cases, threads = frame[frame["over"] == "cases"], frame[frame["over"] == "threads"]
     left.plot(by_cases["cases"], by_cases["us_per_case"], "o-", color=BLUE)

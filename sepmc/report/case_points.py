@@ -91,7 +91,9 @@ def _column(
     bounds: Mapping[str, Sequence[float]],
 ) -> dict[str, Any] | None:
     """Return the dict of a column in the result of `case_points`; None if the ok cases have no two
-    different finite values. ``ok`` (n_cases,) is a mask, ``chosen`` (m,) are the rows drawn."""
+    different finite values. ``ok`` (n_cases,) is a mask, ``chosen`` (m,) are the indices of the
+    rows drawn as dots; ``kind`` is "outcome" or "input", ``unit`` is "" or "1" for none, and
+    ``bounds`` has those of all outcomes by name."""
     values = column(cases, name)
     finite = values[ok & np.isfinite(values)]
     if not len(finite) or (low := float(finite.min())) == (high := float(finite.max())):

@@ -42,8 +42,9 @@ def driven(history: pd.DataFrame, scene: Scene, path: str, value: float) -> np.n
 def load_forces(
     history: pd.DataFrame, scene: Scene, motion: Poses
 ) -> Iterator[tuple[Load, np.ndarray]]:
-    """Yield each load with a force that is not 0 throughout, and its force (n, 3), N, at the n rows
-    of a history, in the axes of ``motion`` (see `Poses`)."""
+    """Yield each load whose force is not 0 at all n rows of a history, and its force (n, 3), N, at
+    these rows, in the axes of ``motion`` (see `Poses`); it is 0 before the start and from the end
+    of the load on."""
     time = history["time_s"].to_numpy()
     for load in scene.load:
         components = [
@@ -60,8 +61,10 @@ def load_forces(
 def spring_forces(
     history: pd.DataFrame, scene: Scene, motion: Poses
 ) -> Iterator[tuple[Spring, np.ndarray]]:
-    """Yield each spring between two bodies, and its force (n, 3), N, on the second body at the n
-    rows of a history, in the axes of ``motion`` (see `Poses`)."""
+    """Yield each spring between two bodies other than the ground, and its force (n, 3), N, on the
+    second body at the n rows of a history, in the axes of ``motion`` (see `Poses`). It is 0 from
+    the end of the stroke on, the time of which, s, is in ``history.attrs["springs"]`` by spring
+    (NaN if it was not reached)."""
     time, ends = history["time_s"].to_numpy(), history.attrs["springs"]
     for spring in scene.spring:
         if GROUND in spring.bodies:

@@ -13,7 +13,8 @@ from sepmc.scene.model import GROUND
 
 class Case:
     """Parameters of a case and values derived from them, as expressions of the given ``scope``,
-    whose lines run once per case, before it is integrated. Vectors have three components."""
+    whose lines run once per case, before it is integrated. Vectors have three components, tensors
+    nine, by rows."""
 
     def __init__(self, scope: Scope, spec: KernelSpec):
         self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]

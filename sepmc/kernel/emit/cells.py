@@ -134,8 +134,8 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _slack_forces(c: Context) -> list[tuple[str, int]]:
-    """Workspace field, with its number of components, of the force from the table of each spring
-    that only pushes."""
+    """Pairs (workspace field, number of its components) of the forces from the tables of springs
+    that only push; springs without a table are left out."""
     numbers = c.spec.layout.model.numbers
     return [
         (table_force(spring.name), int(numbers[force_table_start(c, i)]))

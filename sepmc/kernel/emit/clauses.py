@@ -36,9 +36,9 @@ def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
 
 
 def update_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that set the flags of those conditions in the clauses of a segment that are
-    times, or ends of spring strokes, and have passed; and then DONE to 1 if all conditions of any
-    clause are met."""
+    """Append lines that set to 1 the flags of those conditions in the clauses of a segment that are
+    times, or ends of spring strokes, and have passed; and then DONE to 1 if all conditions of at
+    least one clause are met. Flags and DONE that are 1 stay 1."""
     scope = c.scope()
     done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
     scope.store("DONE", where(done, 1.0, 0.0))
@@ -74,7 +74,7 @@ def _passive_conditions(
     scope: Scope, c: Context, source: Segment | Release
 ) -> Iterator[tuple[int, Expr]]:
     """Yield, for each condition of ``source`` that is a time or the end of a spring's stroke, its
-    number and the expression of the condition that it is met. Flags of all other conditions are set
+    number and the symbolic condition that it is met now. Flags of all other conditions are set
     where their events are located."""
     now = scope.load("T")
     for number, due in source.times.items():
@@ -85,8 +85,9 @@ def _passive_conditions(
 
 
 def due_time(scope: Scope, c: Context, due: Due) -> Expr:
-    """Expression of the time, s since the start, at which a condition on time is met; infinite
-    while the motor from whose ignition it counts has not been triggered."""
+    """Expression of the time, s since the start, at which a condition on time is met: the sum of
+    the parameters of ``due`` and, if it counts from the ignition of a motor, the time of that
+    ignition; infinite while that motor has not been triggered."""
     terms = [c.case.number(slot) for slot in due.slots]
     for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
@@ -95,10 +96,10 @@ def due_time(scope: Scope, c: Context, due: Due) -> Expr:
 
 
 def record_events(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that set the flags of those conditions of a segment's releases and observation
-    events that are times or ends of spring strokes; record the present time as EVENT_TIME_... of
-    each release or event that occurs now, the first time; and store the state at an observation
-    event that does."""
+    """Append lines that set to 1 the flags of those conditions of a segment's releases and
+    observation events that are times or ends of spring strokes and have passed; record the present
+    time as EVENT_TIME_... of each release or event that occurs now for the first time; and store
+    the state at each such observation event."""
     scope = c.scope()
     for release in segment.releases:
         for number in condition_numbers(release.clauses):

@@ -325,8 +325,8 @@ def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> N
 
 
 def reject_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
-    """Add lines to a scope that reject the case of a lane where a condition is satisfied;
-    parameters are those of `reject_unless`."""
+    """Add lines to a scope that reject the case of a lane, unless it is rejected already, where a
+    condition is satisfied; ``status`` is as in `reject_unless`."""
     _reject(scope, where(condition, float(status), 0.0))
 
 

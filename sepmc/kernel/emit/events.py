@@ -418,8 +418,9 @@ def _spin_rate(s: State, body: str) -> Any:
 
 
 def emit_event_flags(out: Text, c: Context) -> None:
-    """Write the kernel function ``set_event_flags(w, phase)``, which, at the end of an interval,
-    sets the flags of the events whose conditions are met and loads the next cells and layers."""
+    """Write the kernel function ``set_event_flags(w, phase)``, which, at the end of an interval of
+    segment number ``phase``, sets the flags of the events whose conditions are met and loads the
+    next cells and layers."""
     text = out.function(
         "set_event_flags(w, phase: int)",
         "After the last step to an event: set the flags of the conditions that are met.",

@@ -31,7 +31,7 @@ def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
 
 
 def _size(segment: Segment, bodies: list[str]) -> int:
-    """Number of unknowns of the full system of a segment."""
+    """Number of unknowns of the full system of a segment; ``bodies`` are all moving bodies."""
     return _OF_BODY * len(bodies) + _OF_JOINT * len(_constraining_joints(segment))
 
 

@@ -23,8 +23,10 @@ from sepmc.routines import layout as at
 
 def emit_history(out: Text, c: Context) -> None:
     """Write the kernel function ``write_history(w, phase, first, a)``, which writes the history
-    rows of the step just made into the output array, and the functions it calls. Rows are
-    separations at equal time intervals, or full rows at requested instants (`Context.history`)."""
+    rows of the step just made into the output array, and the functions it calls. ``phase`` is the
+    number of the segment, ``first`` that of the case in the first lane, ``a`` has the input and
+    result arrays of the kernel. Rows are separations at equal time intervals, or full rows at
+    requested instants (`Context.history`)."""
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return
@@ -91,8 +93,9 @@ def fit_curves(rk: Method) -> str:
 
 def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     """Write the kernel function ``fit_curves_METHOD(w, phase)``, which stores the polynomials of
-    the separations over the step just made by a method into the field CURVES; it uses the
-    derivatives at the stages of that step, which are still stored."""
+    the separations over the step just made by the method ``rk`` in segment number ``phase`` into
+    the field CURVES; it uses the derivatives at the stages of that step, which are still
+    stored."""
     text = out.function(
         f"{fit_curves(rk)}(w, phase: int)",
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
@@ -184,8 +187,9 @@ def _emit_row(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Magnitudes of the lateral loads of every pin of a joint, at its hole entry and at its tip, N;
-    NaN while the pins cannot slide."""
+    """Magnitudes of the lateral loads on the pins of a joint, N: for each pin that at its hole
+    entry, then that at its tip; NaN while the pins cannot slide. ``motion`` is from
+    `make_wrenches`."""
     if not s.segment.sliding_kinds(joint):
         return [math.nan] * 2 * s.c.pins(joint)
     sliding = s.sliding(joint)
@@ -206,10 +210,10 @@ def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
 
 
 def _emit_full_history(out: Text, c: Context) -> None:
-    """Write the kernel function ``write_history(w, phase, first, a)`` for a full history: it writes
-    the rows at those requested instants (time, segment, side) that are in the step just made. Side
-    -1 is the state just before a change at that time (the end of a step, not the start of one),
-    side 1 that just after it; 0: no change."""
+    """Write the kernel function ``write_history(w, phase, first, a)`` for a full history (arguments
+    as in `emit_history`): it writes the rows at those requested instants (time, number of the
+    segment, side) that are in the step just made. Side -1 is the state just before a change at that
+    time (the end of a step, not the start of one), side 1 that just after it; 0: no change."""
     docstring = (
         "Write the rows of the instants (time, segment, side) within the step just made, or at "
         "its end (side -1) or start (side 1)."

@@ -144,9 +144,10 @@ class Rows:
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
     def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a rotation: direction (zero), moment on each body per unit
-        of the multiplier (the ``arms`` of `JointRow`), gamma (rad/s2), residual (rad), rate of the
-        residual (rad/s)."""
+        """Terms of a row that constrains a rotation, as six values: direction (zero), moment on the
+        first and on the second body per unit of the multiplier (the ``arms`` of `JointRow`), gamma
+        (rad/s2), residual (rad), rate of the residual (rad/s). ``pair`` is that of the joint's
+        points."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
@@ -160,9 +161,10 @@ class Rows:
         )
 
     def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
-        """Terms of a row that constrains a translation, or the length of a rod: direction, moment
-        on each body per unit of the multiplier (the ``arms`` of `JointRow`, m), gamma (m/s2),
-        residual (m), rate of the residual (m/s)."""
+        """Terms of a row that constrains a translation, or the length of a rod, as six values:
+        direction, moment on the first and on the second body per unit of the multiplier (the
+        ``arms`` of `JointRow`, m), gamma (m/s2), residual (m), rate of the residual (m/s). ``pair``
+        is that of the joint's points."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")
@@ -180,7 +182,8 @@ class Rows:
         ]
 
     def _coupling(self, one: JointRow, two: JointRow) -> Any:
-        """Entry of the coupling matrix for two rows; known zeros give the number 0.0."""
+        """Entry of the coupling matrix for the rows ``one`` and ``two``; the number 0.0 if it is
+        known to be zero. An inactive row has the entry 1 with itself, 0 with others."""
         signs: dict[str, int] = {}
         if not one.row.turns and not two.row.turns:
             for body, sign in zip(self.bodies[one.row.joint], (-1, 1), strict=True):

@@ -351,7 +351,8 @@ class Quantities:
         return Jet(self.s.time, 1.0 if self.moving else 0.0)
 
     def _event(self, quantity: Quantity) -> Jet:
-        """Jet (value and time derivatives) of the time since an event, s; 0 before it."""
+        """Jet (value and time derivatives) of the time since the event ``quantity.item``, s; 0
+        before it."""
         return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
 
     def _since(self, field: str, never: float) -> Jet:
@@ -451,8 +452,8 @@ class Quantities:
         return vec3.rotate(self.s.attitude(leader), self.s.scope.load(f"K1 + OMEGA_{leader}", 3))
 
     def _spring(self, quantity: Quantity) -> Jet:
-        """Jet (value and time derivatives) of the extension of a spring since the start, m, or (key
-        "rate") of its rate, m/s."""
+        """Jet (value and time derivatives) of the extension of a spring since the start, m, or, if
+        the key of ``quantity`` is "rate", of the rate of that extension, m/s."""
         s = self.s
         spring = next(one for one in s.spec.scene.spring if one.name == quantity.item)
         line = s.spring(spring)

@@ -83,9 +83,10 @@ def advance(rk: Method) -> str:
 
 def emit_step_length(out: Text, c: Context) -> None:
     """Write the kernel function ``set_step(w, phase, parts, typical)``, which sets the field STEP
-    to the length of the next step of every lane: the first of ``parts`` equal steps to END or to
-    the next predicted event, or by lane (`_lane_step`). With events, also write
-    ``set_event_polish_step`` (`_emit_event_polish_step`)."""
+    to the length of the next step of every lane in segment number ``phase``: the first of ``parts``
+    equal steps to END or to the next predicted event, or by lane (`_lane_step`). ``typical`` is as
+    in `emit_event_step`. With events, also write ``set_event_polish_step``
+    (`_emit_event_polish_step`)."""
     docstring = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
         "at first, an event is predicted no later than"
@@ -167,8 +168,9 @@ def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
 
 def _emit_event_polish_step(out: Text, c: Context) -> None:
     """Write the kernel function ``set_event_polish_step(w, phase)``, which sets the field STEP to
-    the time left to the end of an interval or the next event. Where lanes make different numbers of
-    steps, it is 0 in all lanes that have not just made their last regular step."""
+    the time left to the end of an interval of segment number ``phase`` or to the next event. Where
+    lanes make different numbers of steps, it is 0 in all lanes that have not just made their last
+    regular step."""
     text = out.function(
         "set_event_polish_step(w, phase: int)",
         "Length of the remaining step to END or to the next event, into all of STEP.",
@@ -200,10 +202,12 @@ def emit_broadcast(text: Text, c: Context, field: str) -> None:
 
 def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """Write the kernel function ``advance_METHOD(w, phase, size, left, typical)``, which makes one
-    step in all lanes by a method: the first of ``left`` remaining ones, of ``size`` numbers of the
-    state. It sets step length, state Y and time T, error indicators and, if needed, the continuous
-    extension. Cases whose step is much longer than the one before are marked (field UNEVEN); if it
-    is more than three times as long, they are integrated again with smaller steps."""
+    step in all lanes by a method in segment number ``phase``: the first of ``left`` remaining ones.
+    ``size`` is the number of state components that the segment integrates, times LANES; ``typical``
+    is as in `emit_event_step`. It sets step length, state Y and time T, error indicators and, if
+    needed, the continuous extension. Cases whose step is much longer than the one before are
+    marked (field UNEVEN); if it is more than three times as long, they are integrated again with
+    smaller steps."""
     docstring = (
         f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     )
@@ -249,9 +253,10 @@ def _extends(text: Text, c: Context) -> None:
 
 
 def emit_event_polish(out: Text, c: Context) -> None:
-    """Write the kernel function ``polish_event(w, phase, size)``, which makes the last step to an
-    event: a short step by RK4, accurate enough since it is short, then a correction along the
-    derivative. Cases in which either is too long are integrated again with smaller steps."""
+    """Write the kernel function ``polish_event(w, phase, size)`` (arguments as in `emit_advance`),
+    which makes the last step to an event: a short step by RK4, accurate enough since it is short,
+    then a correction along the derivative. Cases in which either is too long are integrated again
+    with smaller steps."""
     rk = method("rk4")
     docstring = (
         f"Last step to an event: a short step by {rk.name}, then a correction along the derivative."
@@ -348,9 +353,10 @@ def _emit_stages(
 
 
 def emit_finish_step(out: Text, c: Context) -> None:
-    """Write the kernel function ``finish_step(w, phase)``, which completes a step: it normalises
-    attitudes, counts full turns, checks heights in atmosphere layers, projects the state onto the
-    constraints, and updates the energy audit; lanes with a step of zero length keep their values.
+    """Write the kernel function ``finish_step(w, phase)``, which completes a step in segment number
+    ``phase``: it normalises attitudes, counts full turns, checks heights in atmosphere layers,
+    projects the state onto the constraints, and updates the energy audit; lanes with a step of zero
+    length keep their values.
 
     It rejects cases: for smaller steps, if a body turned too far or left the range of its air
     expansion in the step; for another kernel variant, if a body left its atmosphere layer
@@ -547,9 +553,9 @@ def _finish_height(scope: Scope, c: Context, body: str) -> None:
 
 
 def emit_indicators(out: Text, c: Context) -> None:
-    """Write the kernel function ``note_indicators(w, phase)``, which, after a step, updates in
-    INDICATORS the maximum embedded error of all steps so far: of velocity, attitude and angular
-    rate of every body."""
+    """Write the kernel function ``note_indicators(w, phase)``, which, after a step in segment
+    number ``phase``, updates in INDICATORS the maximum embedded error of all steps so far: of
+    velocity, attitude and angular rate of every body."""
     text = out.function(
         "note_indicators(w, phase: int)",
         "Update the maximum embedded error of the steps of every body, into INDICATORS.",

@@ -92,7 +92,8 @@ def make_wrenches(s: State) -> Motion:
 
 def store_wrenches(s: State, motion: Motion) -> None:
     """Add lines to the scope of a state that store force, N, and moment, N m, on the second body of
-    every monitored joint, in body axes of its first body, into the field WRENCH."""
+    every monitored joint, in body axes of its first body, into the field WRENCH. ``motion`` is from
+    `make_wrenches`."""
     with s.c.workspace.optional():
         s.c.workspace.add("WRENCH", s.c.node_size)
     for i, joint in enumerate(s.c.monitored_joints):
@@ -118,7 +119,8 @@ def force_of(motion: Motion, joint: str) -> Any:
 def moment_of(s: State, motion: Motion, joint: str) -> Any:
     """Moment on the second body of a joint at its joint point, ground axes, N m: from the rotation
     rows of the joint or, within a rigid group, from the balance of the group's bodies; `ZERO` if
-    the joint carries none."""
+    the joint carries none. With a motion from `make_drive`, its change per newton of the driving
+    force."""
     if motion.wrenches:
         return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
     if joint in s.segment.welds and not motion.min_norm:

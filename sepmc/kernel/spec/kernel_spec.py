@@ -332,7 +332,8 @@ class KernelSpec:
 
     All items have their generated names (`Names`: body1, joint2, ...), in ``layout`` and in the
     paths of the ``dispersed`` parameters too; ``names`` maps the names of the file to them.
-    ``variant`` is the generality of the kernel.
+    ``variant`` says in which cases the kernel is right: only if joints release in the order of the
+    phases, in any order, or also where constraint rows become redundant (`Variant`).
 
     ``segments`` are the parts of a case in the order of time; ``attitude_order`` has the bodies in
     the order of their attitudes in the state, leaders of the first segment first; ``changes`` are

@@ -12,8 +12,9 @@ from sepmc.kernel.spec import sharp9_coefficients as sharp
 
 @dataclass(frozen=True)
 class Method:
-    """Explicit Runge-Kutta method of s stages, with or without a continuous extension. Raises
-    ValueError if its coefficients contradict each other or its order.
+    """Explicit Runge-Kutta method of s stages and of the order ``order``, with or without a
+    continuous extension. Raises ValueError if its coefficients contradict each other or its
+    order.
 
     Notes
     -----

@@ -65,7 +65,7 @@ class Names:
 
     def path(self, path: str) -> str:
         """Parameter path, such as ``body.upper.mass``, with the name of its item replaced by the
-        generated one."""
+        generated one; paths of tables without such names stay as they are."""
         head, _, rest = path.partition(".")
         name, dot, tail = rest.partition(".")
         return f"{head}.{self.of[head].get(name, name)}{dot}{tail}" if head in self.of else path

@@ -115,7 +115,8 @@ def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
 
 def add_air(pool: Pool, scene: Scene) -> int:
     """Append a scene's table of air to the pool: its minimum and maximum altitude, m, then the
-    packed functions (`pack`) of altitude: logarithm of the density, kg/m3, and speed of sound, m/s.
+    packed functions (`pack`) of altitude: logarithm of the density, kg/m3, and speed of sound, m/s
+    (1 if the table has none: no Mach number is then used).
 
     Returns the index of the packed functions, or -1 without such a table.
     """

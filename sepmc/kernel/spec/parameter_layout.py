@@ -185,7 +185,8 @@ def _parameters(
 ) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
     """Lay out the blocks of the parameter vector of a case; `_varied` adds what follows the blocks.
 
-    ``order`` has the names of the bodies in the order of their blocks (`body_order`). Returns the
+    ``order`` has the names of the bodies in the order of their blocks (`body_order`);
+    ``conditions`` are all those of the scene, whose thresholds are parameters. Returns the
     index of each parameter in the vector, by its path; the vector of these blocks, still without
     values: 0, but NaN for points that default to another point; and the index of the first
     parameter of each block, by its name in `sepmc.routines.layout.STRUCTURE`.

@@ -170,8 +170,8 @@ def _raised(degree):
 
 def _pieces(knots, starts):
     """Coefficients of the cubic B-spline basis functions i to i + 3 on span i, as polynomials in x
-    minus the start of the span, shape (spans, 4 functions, 4 ascending powers). ``starts`` has the
-    start of each span."""
+    minus the start of the span, shape (spans, 4 functions, 4 ascending powers). ``knots`` is the
+    whole clamped knot vector, ``starts`` has the start of each span."""
     from scipy.interpolate import BSpline  # noqa: PLC0415
 
     basis = BSpline(knots, np.eye(len(knots) - 4), 3)

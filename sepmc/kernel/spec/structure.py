@@ -539,8 +539,9 @@ def _make_segment(
     releases: list[Release],
     variant: Variant,
 ) -> Segment:
-    """Build the segment called ``name`` of a phase: its rigid groups, constraint rows, and those of
-    the ``releases`` that may occur in it. What ends it is set by the caller.
+    """Build the segment called ``name`` of a phase, in which joints may have the ``joint_kinds``:
+    its rigid groups of the moving ``bodies``, constraint rows, and those of the ``releases`` that
+    may occur in it. What ends it is set by the caller.
 
     Rotation rows within a rigid group are left out, since its bodies share one attitude; so are
     redundant rows (`Segment.dropped`). In the full formulation without redundant rows, in the
