@@ -125,7 +125,7 @@ def read_telemetry(
         ``.mat``, ``.h5``, ``.hdf5``, ``.mf4``, ``.mdf``, ``.tdms``, ``.parquet``; any other ending
         is a text table.
     mapped : sequence of MappedChannel
-        Channels to read; if empty, those that have the name of a column.
+        Channels to read; if empty, those whose title is the name of a column, in any unit.
     columns : sequence of str
         Names of the columns of time histories.
     time : str, optional
@@ -476,8 +476,9 @@ def _add_vectors(
 
 def _of_mdf(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of an MDF file, each of which has its own time; ``time`` is not used.
-    Channels that share a name are all read, with titles such as ``group 3.NAME``; those without
-    samples, or whose samples are not single numbers, are left out."""
+    Channels that share a name are all read, with titles such as ``group 3.NAME``. The
+    time itself, and channels without samples or whose samples are not single numbers, are left
+    out."""
     asammdf = import_module("asammdf")
 
     channels: dict[str, _Raw] = {}

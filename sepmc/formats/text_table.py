@@ -112,9 +112,9 @@ def read_table(
     gaps : bool
         True, for logs: cells that are blank or no number become NaN, even if a whole column is, and
         columns of one title are numbered, ``height #1 (m)``. False: such cells and columns, and
-        numbers that are not finite, are rejected. In a Parquet file a column of another type than
-        numbers becomes NaN with ``gaps``; without it, it is one of ``texts``. Equal titles are
-        always rejected there.
+        numbers that are not finite, are rejected. A cell with a decimal comma is always rejected.
+        In a Parquet file a column of another type than numbers becomes NaN with ``gaps``; without
+        it, it is one of ``texts``. Equal titles are always rejected there.
     assumed : sequence of str
         Names of the columns of a text file that has no header and as many columns.
 
@@ -279,8 +279,9 @@ def _numbers(
 ) -> dict[str, np.ndarray]:
     """Convert the cells of ``rows`` (line number, cells) to columns (n,) by the names of
     ``header``; columns with a blank name are left out. With ``gaps``, as in `read_table`, blank
-    cells and text become NaN. Raises FormatError for a wrong number of cells and, without ``gaps``,
-    for a cell that is not a finite number; ``separator`` is named in it."""
+    cells and text become NaN. Raises FormatError for a wrong number of cells, for a decimal comma
+    and, without ``gaps``, for any cell that is not a finite number. ``separator`` is only named in
+    messages."""
     header = [name.translate(_INVISIBLE) for name in header]
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip

@@ -91,7 +91,8 @@ def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
 
 @formula
 def translation_rate(d, d_rate, e, omega_a):
-    """Rate C' = d' . e + d . (omega_A x e) of a translation constraint, m/s."""
+    """Rate C' = d' . e + d . (omega_A x e) of a translation constraint, m/s; arguments as in
+    `translation`."""
     return vec3.dot(d_rate, e) + vec3.dot(d, vec3.cross(omega_a, e))
 
 
@@ -125,7 +126,8 @@ def rotation(a, b, omega_a, omega_b):
 
 @formula
 def rotation_rate(a, b, omega_a, omega_b):
-    """Rate C' = (omega_B x a) . b + a . (omega_A x b) of a rotation constraint, rad/s."""
+    """Rate C' = (omega_B x a) . b + a . (omega_A x b) of a rotation constraint, rad/s; arguments as
+    in `rotation`: ``a`` is fixed in body B, ``b`` in body A."""
     return vec3.dot(vec3.cross(omega_b, a), b) + vec3.dot(a, vec3.cross(omega_a, b))
 
 

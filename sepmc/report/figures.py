@@ -184,7 +184,7 @@ def _histograms(
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
     """Draw minimum, maximum, percentile bands and median of a quantity over time, and a few single
     cases, into the file ``path``, and return it. ``label`` labels the ordinate and ends in the unit
-    in brackets; without that it is the title, with ``about`` as its second line."""
+    in brackets; the title is the label without the unit, with ``about`` as its second line."""
     curves = percentile_curves(histories, column).dropna(how="all")
     figure, (ax,) = make_axes(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:

@@ -42,9 +42,9 @@ def driven(history: pd.DataFrame, scene: Scene, path: str, value: float) -> np.n
 def load_forces(
     history: pd.DataFrame, scene: Scene, motion: Poses
 ) -> Iterator[tuple[Load, np.ndarray]]:
-    """Yield each load whose force is not 0 at all n rows of a history, and its force (n, 3), N, at
-    these rows, in the axes of ``motion`` (see `Poses`); it is 0 before the start and from the end
-    of the load on."""
+    """Yield each load that has a force other than 0 at any of the n rows of a history, and its
+    force (n, 3), N, at these rows, in the axes of ``motion`` (see `Poses`); it is 0 before the
+    start and from the end of the load on."""
     time = history["time_s"].to_numpy()
     for load in scene.load:
         components = [

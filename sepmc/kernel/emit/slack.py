@@ -77,9 +77,9 @@ def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Je
 
 
 def _of_table(signals: Signals, spring: Spring) -> Jet:
-    """Jet of the force of a spring from its table, N, times the return factor while it shrinks.
-    Its second derivative is not known (None); both derivatives are 0 unless ``signals`` are
-    ``moving``."""
+    """Jet of the force of a spring from its table, N, times the return factor while the spring
+    shrinks. Its second derivative is not known (None); both derivatives are 0 unless ``signals``
+    are ``moving``."""
     s, field = signals.s, table_force(spring.name)
     value, rate = (s.scope.load(name) for name in (field, f"RATE_{field}"))
     if has_unloading(spring, s.spec.dispersed):

@@ -223,7 +223,7 @@ class Segment:
     releases : list of Release
         Releases with conditions of their own, and observation events, that may occur in it.
     max_intervals : int
-        Largest number of intervals that events and load switches divide it in.
+        Largest number of intervals that events and load switches may divide it into.
     """
 
     name: str
@@ -332,8 +332,8 @@ class KernelSpec:
 
     All items have their generated names (`Names`: body1, joint2, ...), in ``layout`` and in the
     paths of the ``dispersed`` parameters too; ``names`` maps the names of the file to them.
-    ``variant`` says in which cases the kernel is right: only if joints release in the order of the
-    phases, in any order, or also where constraint rows become redundant (`Variant`).
+    ``variant`` says which cases the kernel can integrate: those whose joints release in the order
+    of the phases, in any order, or also those whose constraint rows become redundant (`Variant`).
 
     ``segments`` are the parts of a case in the order of time; ``attitude_order`` has the bodies in
     the order of their attitudes in the state, leaders of the first segment first; ``changes`` are

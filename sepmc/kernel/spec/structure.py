@@ -48,8 +48,9 @@ _MOST_SWITCHES = 2**11
 def _needs_any_order(spec: KernelSpec) -> bool:
     """True if a scene needs the kernel variant ANY_ORDER, given its specification ``spec`` in the
     variant STANDARD: a phase's end condition cannot be evaluated while delayed releases are
-    pending, a joint fails in the nominal case, a release is partial or may be delayed, or rows are
-    redundant in a segment in which joints change or pins slide."""
+    pending, a joint fails in the nominal case, a release by a condition of its own (``release`` in
+    the file) is partial or may be delayed, or rows are redundant in a segment in which joints
+    change or pins slide."""
     scene, segments = spec.scene, spec.segments
     if any(
         segment.after_late and (segment.may_end_by_load or segment.clauses) for segment in segments
