@@ -101,7 +101,7 @@ class Case:
     @property
     def gust(self) -> Any:
         """Factor f and turn t (an angle) of the wind profile as the vector f (cos t, 0, sin t);
-        None if they are no parameters, but part of the stored profile."""
+        None without a profile, or if they are no parameters, but part of the stored profile."""
         slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None

@@ -189,7 +189,7 @@ def table_force(spring: str) -> str:
 
 
 def slack_tables(spec: KernelSpec) -> list[tuple[int, Spring]]:
-    """Springs with a force table that only push, each after its number in the scene."""
+    """Pairs (number in the scene, spring) of the springs with a force table that only push."""
     springs = enumerate(spec.scene.spring)
     return [(i, one) for i, one in springs if one.push_only and one.table is not None]
 
@@ -350,7 +350,7 @@ def call_look_up(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _increments(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
-    """Proximity increments of the given bodies, each after its number in the scene."""
+    """Pairs (number in the scene, increments) of the proximity increments of the given bodies."""
     return [(i, entry) for i, entry in enumerate(c.spec.scene.proximity) if entry.body in bodies]
 
 

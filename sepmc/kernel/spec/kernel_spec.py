@@ -145,7 +145,7 @@ class Release:
     """Release, called ``name``, of a joint by a condition of its own, in any phase; or, if
     ``joint`` is "", an observation event, which releases nothing.
 
-    It occurs when all conditions of any of its ``clauses`` are met; a clause is a tuple of
+    It occurs when all conditions of at least one of its ``clauses`` are met; a clause is a tuple of
     condition numbers. By condition number, ``times`` has the conditions that are times and
     ``springs`` the springs whose end of stroke is the condition; ``events`` has the conditions on
     the state and ``loads`` those on joint loads (`Event.number`).
@@ -216,7 +216,8 @@ class Segment:
     pending_event : Event or None
         Condition that ends the next phase, evaluated while delayed releases are pending.
     clauses : list of tuple of int
-        The segment ends when all conditions (by number) of any clause are met.
+        The segment ends when all conditions (by number) of at least one clause are met; empty if it
+        is not ended by clauses.
     times, springs : dict by int
         By condition number: conditions of the clauses that are times, and springs whose end of
         stroke is one.

@@ -377,8 +377,8 @@ def _add_end(
     segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
     """Set in ``segment`` what ends its phase: a time, a burn-out, or one condition on the state or
-    on a joint load. A phase without a condition ends with the run. ``dispersed`` is as in
-    `make_conditions`."""
+    on a joint load. A phase without a condition ends with the run. ``dispersed`` has the paths of
+    the dispersed parameters (it decides only which springs have an end of stroke)."""
     until, path = phase.until, f"phase.{phase.name}.until"
     leaves = {leaf.path: (leaf, slot) for leaf, slot in _thresholds(layout, dispersed)}
     if until is None:
@@ -407,7 +407,8 @@ def _add_clauses(
     segment: Segment, number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
     """Set in ``segment`` the clauses that end phase ``number``, and their conditions.
-    ``dispersed`` is as in `make_conditions`."""
+    ``dispersed`` has the paths of the dispersed parameters (it decides only which springs have an
+    end of stroke)."""
     segment.clauses, segment.times, segment.springs, events, loads = _clauses(
         number, layout, dispersed
     )
@@ -419,10 +420,14 @@ def _clauses(
     number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
     """Return the clauses of event ``number`` (as numbered in `Conditions`), each a tuple of
-    condition numbers (those of the leaves; the event occurs when all conditions of any clause are
-    met); then their conditions by type: times by number, springs whose end of stroke counts by
-    number, conditions on the state, conditions on joint loads. ``dispersed`` is as in
-    `make_conditions`."""
+    condition numbers (those of the leaves). The event occurs when all conditions of at least one
+    clause are met.
+
+    Returned after the clauses are their conditions by type: times by condition number, springs
+    whose end of stroke is a condition by its number, conditions on the state, conditions on joint
+    loads. ``dispersed`` has the paths of the dispersed parameters (it decides only which springs
+    have an end of stroke).
+    """
     conditions, first = (
         make_conditions(layout.scene, dispersed),
         int(layout.model.scene[0].leaves_p),
@@ -454,7 +459,8 @@ def _clauses(
 
 def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
     """Releases with conditions of their own (``release`` in the file), then the observation events
-    of a scene, which are releases without a joint. ``dispersed`` is as in `make_conditions`."""
+    of a scene, which are releases without a joint. ``dispersed`` has the paths of the
+    dispersed parameters (it decides only which springs have an end of stroke)."""
     names = [(r.name, r.joint) for r in layout.scene.release]
     names += [(event.name, "") for event in layout.scene.event]
     return [
@@ -466,7 +472,8 @@ def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Releas
 def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
     """Yield each leaf of the conditions of a scene that has a threshold, and the index of the
     threshold in the parameter vector. A burn-out and the end of a spring's stroke have none.
-    ``dispersed`` is as in `make_conditions`."""
+    ``dispersed`` has the paths of the dispersed parameters (it decides only which springs have an
+    end of stroke)."""
     first = int(layout.model.scene[0].leaves_p)
     for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:
