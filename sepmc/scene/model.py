@@ -52,8 +52,9 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Table of wind over height, added to the steady wind: altitude (m), speed (m/s) and direction
-    (rad, as in `Wind`), interpolated between rows and constant beyond the first and the last.
+    """Table of wind over height, added to the steady wind. Each row has an altitude (m), a speed
+    (m/s) and a direction (rad, as in `Wind`); wind is constant beyond the first and the last row.
+    ``interpolation`` applies between rows, to the components along ground x and z.
     ``factor`` multiplies all speeds of the table, ``turn`` (rad) is added to all its directions."""
 
     altitude: Annotated[Series, Quantity("length")]
@@ -74,9 +75,10 @@ class Wind(_Table, frozen=True, kw_only=True):
 
 
 class AirProfile(_Table, frozen=True, kw_only=True):
-    """Table of air over height (m), for ``atmosphere = "table"``: density (kg/m3, whose logarithm
-    is interpolated) and speed of sound (m/s; empty if no Mach number is needed). A case that leaves
-    the table ends with the status outside-atmosphere."""
+    """Table of air over height, for ``atmosphere = "table"``. Each row has an altitude (m), a
+    density (kg/m3; its logarithm is interpolated) and a speed of sound (m/s; the column is empty if
+    no Mach number is needed). A case that leaves the table ends with the status
+    outside-atmosphere."""
 
     altitude: Annotated[Series, Quantity("length")]
     density: Annotated[Series, Quantity("density")]
@@ -85,8 +87,12 @@ class AirProfile(_Table, frozen=True, kw_only=True):
 
 
 class Environment(_Table, frozen=True, kw_only=True):
-    """Environment of the flight: atmosphere ("table": that of ``air``) and a factor on its density,
-    gravity (model, and value at the surface, m/s2), and wind."""
+    """Environment of the flight: atmosphere, gravity and wind.
+
+    ``air`` is the atmosphere "table", None for the others; ``density_factor`` multiplies the
+    density of any atmosphere. ``gravity`` is the model of how gravity depends on height,
+    ``surface_gravity`` its value at height 0 (m/s2).
+    """
 
     atmosphere: Literal["us1976", "table", "none"] = "us1976"
     air: AirProfile | None = None
@@ -97,11 +103,14 @@ class Environment(_Table, frozen=True, kw_only=True):
 
 
 class AeroTable(_Table, frozen=True, kw_only=True):
-    """Aerodynamic coefficients on a grid over the axes that are given, in the order mach, alpha,
-    beta (rad); they are added to those of the polynomials. Over an axis of one point they are
-    constant; a case that leaves any other axis ends with the status outside-table. An empty grid
-    counts as 0. ``pitch_q``, for example, is the derivative of ``pitch`` by the reduced pitch rate
-    q (`RATES`)."""
+    """Aerodynamic coefficients on a grid over the axes that are not empty, in the order ``mach``,
+    ``alpha``, ``beta`` (rad); they are added to those of the polynomials.
+
+    Over an axis of one point they are constant; a case that leaves any other axis ends with the
+    status outside-table. ``axial`` to ``pitch`` are the grids of C_A, C_N, C_Y, C_l, C_n and C_m
+    of CONVENTIONS.md, the others those of derivatives: ``pitch_q`` is that of ``pitch`` by the
+    reduced pitch rate q (`RATES`). An empty grid counts as 0.
+    """
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -136,9 +145,11 @@ class Aerodynamics(_Table, frozen=True, kw_only=True):
     """Aerodynamic coefficients of a body: polynomials in alpha, beta (rad), the reduced rates and
     signals, to which those of a ``table`` are added.
 
-    They are referred to ``reference_area`` (m2), ``reference_length`` (m) and the layout point
-    ``moment_point`` (None: the mass centre). ``force_factor`` multiplies all forces,
-    ``moment_factor`` all moments."""
+    ``axial`` to ``pitch`` are the polynomials of C_A, C_N, C_Y, C_l, C_n and C_m of CONVENTIONS.md,
+    by term; an empty one is 0. Coefficients are referred to ``reference_area`` (m2),
+    ``reference_length`` (m) and the layout point ``moment_point`` (m; None: the mass centre).
+    ``force_factor`` multiplies all forces, ``moment_factor`` all moments.
+    """
 
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]
@@ -183,8 +194,9 @@ class Part(_Table, frozen=True, kw_only=True):
 
 class Body(_Table, frozen=True, kw_only=True):
     """A rigid body: mass (kg), moments and products (positive integrals) of inertia about the mass
-    centre (kg m2), layout point of the mass centre (m), aerodynamics and outline.
-    ``inertia_factor`` multiplies the moments and the products of inertia."""
+    centre (kg m2), layout point ``cg`` of the mass centre (m), aerodynamics (None: no aerodynamic
+    loads) and the parts of its outline. ``inertia_factor`` multiplies the moments and the products
+    of inertia."""
 
     mass: Annotated[float, Positive, Quantity("mass")]
     inertia: Annotated[Vector, Quantity("inertia", ("xx", "yy", "zz"))]
@@ -214,12 +226,15 @@ class Ignition(_Table, frozen=True, kw_only=True):
 
 
 class Motor(_Table, frozen=True, kw_only=True):
-    """A motor or engine on a body. It ignites at ``ignition`` plus ``delay`` (s), and burns for
-    ``burn`` (s).
+    """A motor or engine on a body. It ignites ``delay`` (s) after ``ignition``, a time or the
+    instant that a trigger gives, and burns for ``burn`` (s; infinite: to the last row of the
+    profile or, without a profile, to the end of the flight).
 
     CONVENTIONS.md defines how ``build_up`` and ``tail_off`` (time constants, s) and ``profile``
-    change the ``thrust`` (N) over time; the place of the nozzle, by ``station``, ``radius`` and
-    ``offset`` (m); and the angles (rad).
+    change the ``thrust`` (N) over time. The nozzle is at ``station``, and at ``radius`` and the
+    angle ``clock`` from the layout axis, moved by ``offset`` (y, z) (m). ``cant`` is the direction
+    of the force without misalignment (0 forward, pi aft); ``deflection`` is the angle of the thrust
+    from that direction and ``deflection_clock`` the angle around it (rad).
     """
 
     name: Name
@@ -270,8 +285,11 @@ class Spring(_Table, frozen=True, kw_only=True):
     With ``axis`` (fixed in the first body) it acts along that axis, otherwise along the line
     between its points. The force is ``factor (force - stiffness x - damping x' + table(x))`` at
     extension x, which is 0 at the start; ``factor`` is 0 for a failed spring. With ``push_only`` a
-    negative force becomes zero. Once the extension exceeds ``stroke`` (without one: the last row of
+    negative force becomes zero. Once the extension reaches ``stroke`` (without one: the last row of
     the table, if there is a table) the force is zero for the rest of the flight.
+
+    ``bodies`` names the first and the second body. ``point`` is the end on the first, and
+    ``second_point`` (None: the same point) that on the second, both layout points (m).
     """
 
     name: Name
@@ -342,8 +360,9 @@ class Driven(NamedTuple):
 
 
 class Load(_Table, frozen=True, kw_only=True):
-    """A force (N) at a point of a body and a moment (N m), in body or ground axes, from ``start``
-    to ``end`` (s). A component that a signal gives is in `Scene.driven`."""
+    """A force (N) at a layout point of a body (m; None: its mass centre) and a moment (N m) on that
+    body, in the axes that ``frame`` names, from ``start`` to ``end`` (s from the start of the
+    flight). `Scene.driven` names the signal of a component that changes during the flight."""
 
     name: Name
     body: str
@@ -357,8 +376,8 @@ class Load(_Table, frozen=True, kw_only=True):
 
 class RelativeAxes(_Table, frozen=True, kw_only=True):
     """Axes of a grid over the position of the second body of a joint relative to the first:
-    displacement of the second body's joint point (m) along the joint axes, and attitude angles
-    (rad) relative to them."""
+    displacement x, y, z of the second body's joint point (m) along the joint axes, and attitude
+    angles (rad) relative to them. A grid has no axis where the series of points is empty."""
 
     x: Annotated[Series, Quantity("length")] = ()
     y: Annotated[Series, Quantity("length")] = ()
@@ -376,8 +395,10 @@ class RelativeAxes(_Table, frozen=True, kw_only=True):
 
 class Proximity(_Table, frozen=True, kw_only=True):
     """Increments to the aerodynamic coefficients of ``body``, as tables over the separation
-    ``distance`` of ``joint`` or over one to three ``axes`` of the relative position of its bodies;
-    constant beyond the ends of the tables. ``factor`` multiplies all increments."""
+    ``distance`` (m) of ``joint`` or, if ``axes`` is not None, over one to three axes of the
+    relative position of its bodies; constant beyond the ends of the tables. ``axial`` to ``pitch``
+    are the tables, named as in `AeroTable`; an empty one is 0. ``factor`` multiplies all
+    increments."""
 
     name: Name
     body: str
@@ -400,9 +421,10 @@ class Proximity(_Table, frozen=True, kw_only=True):
 
 
 class Guide(_Table, frozen=True, kw_only=True):
-    """Guide pins of a slider: number, radius of their circle (m), clock angle of the first one from
-    y toward z (rad), engaged length when closed (m), and Coulomb friction, whose coefficient at
-    sliding speed v (m/s) is ``friction`` v / sqrt(v^2 + slip_speed^2)."""
+    """Guide pins of a joint that slides along x: number, radius of their ``circle`` (m), ``clock``
+    angle of the first one from y toward z (rad), length ``engaged`` at the start (m), and Coulomb
+    friction, whose coefficient at sliding speed v (m/s) is ``friction`` v / sqrt(v^2 +
+    slip_speed^2)."""
 
     pins: Annotated[int, Meta(ge=1, le=24)]
     circle: Annotated[float, NotNegative, Quantity("length")] = 0.0
@@ -449,9 +471,11 @@ class Condition(_Table, frozen=True, kw_only=True):
     """A condition on time, motion or loads. Of several thresholds the first that is reached meets
     it; a condition that was met stays met. ``any`` and ``all`` combine further conditions.
 
-    Thresholds are: a ``time``; the end of burning of the motor ``burn_out``; the end of the stroke
-    of a ``spring``; of a ``joint``, ``stroke`` to ``moment``; of a ``body``, ``altitude`` and
-    ``vertical_speed`` (positive upward).
+    Thresholds, None if not used, are: a ``time`` (s from the start of the flight); the end of
+    burning of the motor ``burn_out``; the end of the stroke of a ``spring``; of a ``joint``, its
+    separation distance ``stroke`` (m), the ``distance`` between its two points (m), the ``angle``
+    between its bodies (rad), and its ``force`` (N) and ``moment`` (N m) on the second body; of a
+    ``body``, the ``altitude`` (m) and ``vertical_speed`` (m/s, positive upward) of its mass centre.
 
     With a ``direction`` the quantity must cross its threshold in that direction. Without one an
     altitude or a vertical speed must cross it in either direction; any other quantity meets it at
@@ -476,8 +500,9 @@ class Condition(_Table, frozen=True, kw_only=True):
 
 
 class Phase(_Table, frozen=True, kw_only=True):
-    """An interval of the flight with unchanged joint kinds, which ends when ``until`` is met.
-    ``joints`` maps the name of a joint to its kind; joints not named are free."""
+    """An interval of the flight, which ends when ``until`` is met; the last phase has None and
+    lasts to the end of the run. ``joints`` maps the name of a joint to its kind in this phase,
+    which a `Release` may change; joints not named are free."""
 
     name: Name
     joints: dict[str, str] = field(default_factory=dict)
@@ -507,7 +532,7 @@ class Event(_Table, frozen=True, kw_only=True):
 class Clearance(_Table, frozen=True, kw_only=True):
     """Request for an outcome: the minimum distance between the outlines of two bodies over the
     flight, or from the release of the joint ``after`` on. ``outlines`` names the parts of each body
-    that count (empty: all)."""
+    that count, for the first and the second body (empty: all)."""
 
     name: Name
     bodies: tuple[str, str]
@@ -539,8 +564,9 @@ class FormulaOutcome(_Table, frozen=True, kw_only=True):
 
 class Initial(_Table, frozen=True, kw_only=True):
     """Initial altitude (m) and speed (m/s) of the mass centre of the mated vehicle, its attitude
-    (rad) and its rates (rad/s, body axes); CONVENTIONS.md defines the angles. ``path_reference``
-    is the zero of ``alpha_ref`` (None: nominal pitch - alpha)."""
+    (rad) and its rates ``omega`` (rad/s, body axes). The velocity has the path angles ``pitch`` -
+    ``alpha`` and ``path_yaw`` (rad); CONVENTIONS.md defines all angles. The outcome ``alpha_ref``
+    of a body is its pitch minus ``path_reference`` (rad; None: nominal ``pitch`` - ``alpha``)."""
 
     altitude: Length
     speed: Annotated[float, NotNegative, Quantity("speed")]
@@ -558,10 +584,14 @@ REPLICATES = 8  # independently scrambled sequences of a Saltelli design
 
 
 class Run(_Table, frozen=True, kw_only=True):
-    """Run settings: end of the flight (s), number of cases and how their inputs are sampled (or the
-    file ``samples``, a table with a row for each case, which also determines ``cases``), interval
-    of rows of time histories (s; 0: no histories), and number of cases in one kernel call
-    (``chunk``)."""
+    """Run settings: end of the flight (s), number of cases, sampling of their inputs, histories.
+
+    ``sampler`` and ``seed`` determine the inputs of the cases ("lhs": Latin hypercube; "saltelli":
+    a design for total sensitivity indices). ``samples`` is instead the path of a table with a row
+    of inputs for each case, which also determines ``cases``; None for no table. ``history_step`` is
+    the time between rows of histories (s; 0: no histories), ``chunk`` the largest number of cases
+    in one kernel call.
+    """
 
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
@@ -574,10 +604,10 @@ class Run(_Table, frozen=True, kw_only=True):
 
 class Solver(_Table, frozen=True, kw_only=True):
     """Solver settings: formulation of the equations, integration method, requested accuracy
-    (relative to the size or standard deviation of outcomes), and treatment of constraint drift.
+    (relative to the size or standard deviation of outcomes), and treatment of constraint ``drift``.
 
     The accuracy determines the steps unless ``step`` is given: steps are then of at most that
-    length, s, and the error is only reported."""
+    length, s, and the error is only reported. None for ``step``: not given."""
 
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"
@@ -590,7 +620,10 @@ class Scene(_Table, frozen=True, kw_only=True):
     """All of a campaign that every case shares: vehicle, environment, sequence of phases, outputs,
     run and solver settings, and the nominal values of dispersed parameters.
 
-    ``driven`` has, by path of the parameter, the numbers that a signal changes during the flight.
+    Fields are named as the tables of the file; ``body`` and ``joint`` are dicts by name.
+    ``release`` and ``event`` have conditions that are independent of phases; ``clearance``,
+    ``outcome`` and ``output`` request outcomes. ``driven`` has, by path of the parameter without
+    unit, the numbers that a signal changes during the flight.
     """
 
     environment: Environment = field(default_factory=Environment)
@@ -636,7 +669,8 @@ class Distribution(_Table, frozen=True, kw_only=True):
 
 class Correlation(_Table, frozen=True, kw_only=True):
     """Correlation of dispersed parameters by a Gaussian copula: one coefficient for the normal
-    scores of every pair, or a matrix of coefficients in the order of ``parameters``."""
+    scores of every pair, or a matrix of coefficients in the order of ``parameters``; the other of
+    the two is None."""
 
     parameters: tuple[str, ...]
     coefficient: Annotated[float, Meta(ge=-1.0, le=1.0)] | None = None
@@ -647,9 +681,13 @@ VIOLATION = "violation"  # metric of a requirement that no other requirement is 
 
 
 class Requirement(_Table, frozen=True, kw_only=True):
-    """A condition that at least the fraction ``probability`` of all cases must satisfy: a bound on
-    an outcome, a status that must not occur, or that no other requirement is violated. The bounds
-    are in the unit of the outcome's column, not SI; a verdict is given with this ``confidence``."""
+    """A condition that at least the fraction ``probability`` of all cases must satisfy.
+
+    ``metric`` is the column of an outcome, with bounds ``at_least`` and ``at_most`` (None: no such
+    bound; inclusive; in the unit of the column, not SI); or a status that must not occur; or
+    `VIOLATION`, if no other requirement may be violated. The last two have no bounds. A verdict is
+    given with this ``confidence``.
+    """
 
     name: Name
     metric: str  # an outcome, a status that must not occur, or VIOLATION

@@ -8,8 +8,8 @@ from sepmc.scene.model import Positive
 
 
 class Expected(Struct, frozen=True, kw_only=True):
-    """Published statistics of one outcome, in the unit of its column; None for those not
-    published."""
+    """Published mean, standard deviation, minimum and maximum of one outcome, in the unit of its
+    column; None for those not published."""
 
     mean: float | None = None
     sigma: Annotated[float, Positive] | None = None
