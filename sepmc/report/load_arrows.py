@@ -107,7 +107,7 @@ def _line(
     """Return, for each of the n rows of a history, the unit vector (n, 3), in the axes of
     ``motion``, along which a spring pushes its second body; the length of the spring (n,), m; and
     the rate of that length (n,), m/s. The length of a spring with an axis is measured along that
-    axis of its first body."""
+    axis of its first body; without an axis, the vector is 0 where the length is 0."""
     ends, velocities, spins = [], [], []
     for body, point in zip(
         spring.bodies, (spring.point, spring.second_point or spring.point), strict=True

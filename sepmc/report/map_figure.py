@@ -73,9 +73,9 @@ def map_figure(
 
 
 def _codes(designs: DesignMap, requirement: Requirement) -> np.ndarray:
-    """Return the verdicts on a requirement over the grid, shape (count of y, count of x): `_PASS`;
-    `_FAIL`; `_LACKING`, open only because cases did not finish or lack the outcome; or `_OPEN`,
-    open otherwise."""
+    """Return the verdicts on a requirement over the grid of designs as integer codes, shape (count
+    of y, count of x), or (1, count of x) of a map with one axis: `_PASS`; `_FAIL`; `_LACKING`, open
+    only because cases did not finish or lack the outcome; or `_OPEN`, open otherwise."""
     verdicts = designs.grid(requirement.name)
     lacking = designs.open_by_lacking(requirement).reshape(verdicts.shape)
     kinds = [verdicts == PASS, verdicts == FAIL, lacking]

@@ -80,7 +80,7 @@ class ReportContent:
     counts : str
         A line on the number of cases by status.
     failures : sequence of str
-        A line on each status except ok.
+        A line on each status except ok that a case has.
     proportions : sequence of str
         A line on each yes-or-no outcome.
     statistics : DataFrame
@@ -105,13 +105,15 @@ class ReportContent:
     replays : sequence of CaseReplay
         Cases shown over time.
     nominal : mapping, optional
-        Data of the replay of the nominal case, from `sepmc.report.replay_data.replay_data`.
+        Data of the replay of the nominal case, from `sepmc.report.replay_data.replay_data`; None
+        for no replay.
     flight : str
         Text on the comparison with a flight; empty without one.
     beside : sequence of PlainTable
         Tables of scenarios and limit cases that were run beside the campaign.
     points : mapping, optional
-        Data of the interactive figure of cases, from `sepmc.report.case_points.case_points`.
+        Data of the interactive figure of cases, from `sepmc.report.case_points.case_points`; None
+        for no figure.
     """
 
     name: str
@@ -292,8 +294,8 @@ def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
 
 
 def _session(one: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the texts of a session, an entry of the manifest, for a row of the table of sessions,
-    by the names that the template uses."""
+    """Return the texts of a session (``one``, an entry of the manifest) for a row of the table of
+    sessions, by the names that the template uses; empty for what the entry lacks."""
     seconds = ", ".join(f"{stage} {s:.3g}" for stage, s in one.get("timing_s", {}).items())
     packages = ", ".join(f"{name} {v}" for name, v in one.get("versions", {}).items())
     return {

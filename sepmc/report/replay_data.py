@@ -181,8 +181,9 @@ def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np
 
 
 def _load_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the arrows (`replay_data`) of the forces of springs, on their second bodies, and of
-    loads; ``until`` is the time at which each stops acting, s, or None if it acts to the end."""
+    """Return the arrows (`replay_data`) of the forces of springs between two bodies, on the second
+    body, and of loads with a force; ``until`` is the time at which each stops acting, s, or None if
+    it acts to the end."""
     arrows, bodies, ends = [], list(scene.body), history.attrs["springs"]
     for spring, force in spring_forces(history, scene, motion):
         second, end = spring.bodies[1], ends.get(spring.name, np.nan)
@@ -245,7 +246,8 @@ def thrust_lines(motor: Motor, deflection: np.ndarray, clock: np.ndarray) -> np.
 
 def _distances(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
     """Return the elements of ``distances`` in the result of `replay_data`: for each clearance
-    between two bodies its distance over time and its nearest points."""
+    between two bodies its distance over time and its nearest points. Clearances without a column in
+    the history are left out."""
     result: list[dict[str, Any]] = []
     for clearance in scene.clearance:
         column = f"{clearance.name}_clearance_mm"

@@ -1,5 +1,8 @@
 """Conversion of aerodynamic data in other conventions: signs of DATCOM, slopes per degree, halves
-of symmetric tables."""
+of symmetric tables.
+
+In every function ``key_path`` is the TOML path of the table that it gets, for messages.
+"""
 
 import math
 from typing import Any
@@ -84,8 +87,10 @@ def _lateral_length(
     key_path: str, aero: dict[str, Any], table: dict[str, Any] | None, problems: Problems
 ) -> list[str]:
     """Convert coefficients that are made dimensionless by a lateral length (the span) to the
-    reference length, in place: rolling and yawing moments, and derivatives by p and r. Removes the
-    key of the lateral length; returns one sentence, or none without a valid lateral length."""
+    reference length, in place: rolling and yawing moments, and derivatives by p and r. Works on
+    the polynomials in ``aero`` and on its aerodynamic ``table`` (None: it has none). Removes the
+    key of the lateral length from ``aero``; returns one sentence, or none if there is no such key
+    or it is not valid, which adds a problem."""
     key = next((k for k in aero if split_unit(k)[0] == "lateral_length"), None)
     if key is None:
         return []

@@ -88,8 +88,8 @@ _MOMENTS = ("inertia", "inertia_products")
 
 
 def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
-    """Symmetric matrix (3, 3) from a TOML value; None, after adding a problem, if the value is not
-    one."""
+    """Symmetric matrix (3, 3) from the TOML value at ``key_path``; None, after adding a problem, if
+    the value is not one."""
     try:
         tensor = np.array(value, dtype=float)
     except (ValueError, TypeError):
@@ -133,11 +133,12 @@ def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
 
 
 def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | None:
-    """Rotation matrix (3, 3) from body axes to axes given by named directions.
+    """Matrix (3, 3) that converts components in body axes to axes given by named directions.
 
     Parameters
     ----------
     key_path : str
+        TOML path of ``axes``, for messages.
     axes : object
         Directions of x, y and z, such as "forward-right-down".
     problems : Problems
@@ -145,8 +146,9 @@ def axes_matrix(key_path: str, axes: Any, problems: Problems) -> np.ndarray | No
     Returns
     -------
     ndarray or None
-        Rows are the unit vectors of the named axes in body axes; None, after adding a problem, if
-        ``axes`` is not three perpendicular directions.
+        Rows are the unit vectors of the named axes in body axes, which may be left-handed
+        (determinant -1); None, after adding a problem, if ``axes`` is not three perpendicular
+        directions.
     """
     words = axes.split("-") if isinstance(axes, str) else []
     known = [DIRECTIONS[word] for word in words if word in DIRECTIONS]

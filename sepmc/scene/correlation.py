@@ -105,7 +105,8 @@ def _index(key: str, scene: Scene, index_of: dict[str, int], where: str, problem
 
 def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[float]]:
     """Correlation matrix (n, n) of the n parameters of a ``[[correlation]]``: its matrix, or one
-    with its coefficient for all pairs. Adds problems; empty if there is no matrix of this shape."""
+    with its coefficient for all pairs. Adds problems, at the TOML path ``where`` of the table; the
+    result is empty if there is no matrix of this shape, and not valid if problems were added."""
     n = len(item.parameters)
     if n < 2:
         problems.add(f"{where}.parameters", "name at least two parameters", list(item.parameters))
@@ -132,8 +133,8 @@ def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[floa
 
 
 def _factor(matrix: list[list[float]]) -> tuple[tuple[float, ...], ...] | None:
-    """Lower triangular L with L L^T = ``matrix`` (Cholesky); None if it is not positive
-    semidefinite."""
+    """Rows of the lower triangular matrix L with L L^T = ``matrix`` (Cholesky); None if ``matrix``
+    is not positive semidefinite."""
     n = len(matrix)
     lower = [[0.0] * n for _ in range(n)]
     for i in range(n):

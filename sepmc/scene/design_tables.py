@@ -179,8 +179,8 @@ def check_variables(variables: Sequence[Variable]) -> None:
 
 
 def cost_tree(minimise: str, variables: Sequence[Variable]) -> Node:
-    """Parse the formula of a cost, of names of design variables, to a syntax tree. Raises
-    InputError if it is no formula, names anything else, or names no variable."""
+    """Parse the formula ``minimise`` of a cost, of names of design variables, to a syntax tree.
+    Raises InputError if it is no formula, names anything else, or names no variable."""
     known = [one.name for one in variables]
     try:
         tree = parse(minimise)
@@ -203,8 +203,9 @@ def check_subject_to(chosen: Sequence[str], requirements: Sequence[Requirement])
 
 
 def named_parameters(tree: Mapping[str, Any], scene: Scene, key: str) -> Iterator[Parameter]:
-    """Yield the parameters that a TOML path, in which ``*`` stands for any characters of a name,
-    means. Raises UnknownPath, with the path in its message, if there are none or one is wrong."""
+    """Yield the parameters of a scene that ``key`` means, a TOML path with unit in which ``*``
+    stands for any characters of a name. Names are those in ``tree``, the TOML tree of the campaign.
+    Raises UnknownPath, with the path in its message, if there are none or one is wrong."""
     keys = matching_keys(dict(tree), key)
     if not keys:
         raise UnknownPath(f"{key}: no table has such a name")
@@ -216,8 +217,8 @@ def named_parameters(tree: Mapping[str, Any], scene: Scene, key: str) -> Iterato
 
 
 def read_map(tree: Any, scene: Scene, problems: Problems) -> MapPlan | None:
-    """Parse the table ``[map]`` in the TOML tree of a campaign. None if there is none, or after
-    adding problems."""
+    """Parse the table ``[map]`` in the TOML tree of a campaign. None if there is no such table, or
+    after adding problems."""
     table = read_table(MapTable, tree["map"], "map", problems) if "map" in tree else None
     if table is None:
         return None
@@ -238,8 +239,8 @@ def read_map(tree: Any, scene: Scene, problems: Problems) -> MapPlan | None:
 def read_size(
     tree: Any, scene: Scene, requirements: Sequence[Requirement], problems: Problems
 ) -> SizePlan | None:
-    """Parse the table ``[size]`` in the TOML tree of a campaign. None if there is none, or after
-    adding problems."""
+    """Parse the table ``[size]`` in the TOML tree of a campaign; its ``subject_to`` may name these
+    requirements. None if there is no such table, or after adding problems."""
     written = tree.get("size")
     if isinstance(written, dict) and written.get("subject_to") == "all":
         written = {key: value for key, value in written.items() if key != "subject_to"}

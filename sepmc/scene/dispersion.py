@@ -34,7 +34,7 @@ class Dispersion:
         inf); triangular: (low, mode, high); discrete: the values; constant: (value,); given:
         quantiles at equal steps of probability.
     weights : tuple of float
-        Of the values of a discrete distribution, in any scale.
+        Of the values of a discrete distribution, in any scale; empty for other distributions.
     column : str
         Column of ``run.samples`` that gives each case its value; the distribution is then that of
         the column. Empty if the values are sampled.

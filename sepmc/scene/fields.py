@@ -24,8 +24,8 @@ def _make_constraint(arguments: dict[str, Any]) -> msgspec.Meta:
 
 
 def _reduced(meta: msgspec.Meta) -> tuple[Any, tuple[dict[str, Any]]]:
-    """Return the constructor of a constraint and its arguments, as pickle needs them to store
-    it."""
+    """Return the function that makes a constraint (``meta``) and the tuple of its arguments, as
+    pickle needs them to store it; constraints that are not set are left out."""
     arguments = {name: getattr(meta, name) for name in _CONSTRAINTS}
     set_ones = {name: value for name, value in arguments.items() if value is not None}
     return _make_constraint, (set_ones,)
@@ -52,7 +52,8 @@ class Field:
     required : bool
         True if a file must give the key.
     default : any
-        Value if the key is not given, in SI.
+        Value if the key is not given, in SI; msgspec.NODEFAULT if the key is required or a function
+        makes the value.
     instead : type or None
         Struct of a table that a file may give in place of the number; its key is the field's name
         without a unit.

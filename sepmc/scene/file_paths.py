@@ -46,8 +46,8 @@ def check_paths(tree: dict[str, Any], path: Path) -> None:
 
 
 def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the TOML path and the value of each key that names a file: ``file`` in any table, and
-    ``run.samples``."""
+    """Yield the TOML path and the value of each key that names a file: ``file`` in any table below
+    ``tree``, and ``run.samples``. A value that is no printable text is left out."""
     stack: list[tuple[str, Any]] = [("", tree)]
     while stack:
         parent, node = stack.pop()

@@ -72,8 +72,9 @@ class InputTable:
 
     def distribution(self, name: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
         """Empirical distribution of a column, as ``distribution``, ``numbers`` and ``weights`` of a
-        `Dispersion`: "discrete" for up to 16 distinct values, else "given", with 257 quantiles at
-        equal steps of probability."""
+        `Dispersion`: "discrete" for up to 16 distinct values, weighted by the number of rows that
+        have each; else "given", with 257 quantiles at equal steps of probability, without
+        weights."""
         values, counts = np.unique(self.columns[name], return_counts=True)
         if len(values) <= _FEW:
             return "discrete", tuple(values.tolist()), tuple(counts.astype(float).tolist())

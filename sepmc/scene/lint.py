@@ -95,8 +95,9 @@ def _nearly_level(scene: Scene) -> Iterator[str]:
 
 
 def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
-    """Layout points (x, y, z) of a scene, m, by a label for messages: the path of their key, for
-    outlines with the index of the point in brackets."""
+    """Layout points (station, y, z) of a scene, m, by a label for messages: the path of their key,
+    for outlines with the index of the point in brackets. Frustums have the centres of their two
+    ends; second points of springs and joints, and loads without a point, are left out."""
     points = {f"body.{name}.cg": body.cg for name, body in scene.body.items()}
     points |= {f"joint.{name}.point": joint.point for name, joint in scene.joint.items()}
     points |= {f"spring.{spring.name}.point": spring.point for spring in scene.spring}
@@ -131,7 +132,8 @@ def _far_points(scene: Scene) -> Iterator[str]:
 
 
 def _off_axis(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each centre of mass far from the axis of the vehicle."""
+    """Yield a sentence on each centre of mass that is farther from the layout axis than twice the
+    length of the vehicle."""
     stations = [point[0] for point in _points(scene).values()]
     length = max(max(stations) - min(stations), 1e-3)
     for name, body in scene.body.items():
@@ -144,8 +146,9 @@ def _off_axis(scene: Scene) -> Iterator[str]:
 
 
 def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each distribution whose half range exceeds the size of the nominal value;
-    discrete distributions and parameters that may have either sign are left out."""
+    """Yield a sentence on each distribution whose half range exceeds the size of the nominal value.
+    Discrete distributions, parameters that may have either sign, and nominal values of 0 are left
+    out."""
     for each in dispersions:
         path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
@@ -207,7 +210,8 @@ def _start(scene: Scene) -> Iterator[str]:
 
 
 def _overlaps(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each pair of bodies whose outlines overlap at the start."""
+    """Yield a sentence on each pair of bodies whose outlines overlap at the start by more than
+    1 mm, as `_depth` measures it."""
     bodies = [(name, body.outline) for name, body in scene.body.items() if body.outline]
     for i, (one, parts) in enumerate(bodies):
         for two, others in bodies[i + 1 :]:
@@ -254,7 +258,8 @@ def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
 
 def _springs(scene: Scene) -> Iterator[str]:
     """Yield a sentence on each spring with an axis whose initial force drives its second body
-    toward the first."""
+    toward the first. Springs to the ground, and those whose two bodies have a joint with ``apart``,
+    are left out."""
     for spring in scene.spring:
         if spring.axis is None or GROUND in spring.bodies or spring.force == 0.0:
             continue
@@ -303,8 +308,8 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on wind that has no effect (no atmosphere, or no body with aerodynamics), or
-    whose profile does not cover the initial altitude."""
+    """Yield a sentence on wind, nominal or dispersed, that has no effect (no atmosphere, or no body
+    with aerodynamics), or whose profile does not cover the initial altitude."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
@@ -330,7 +335,7 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     """Yield a sentence on each thrust profile whose first row is later than the ignition, or even
-    than the end of the burn."""
+    than the end of the burn, if that is not dispersed."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         key_path, profile = f"motor.{motor.name}", motor.profile
@@ -351,8 +356,9 @@ def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[st
 
 
 def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield sentences on conditions that never occur, and on outputs and clearances of joints that
-    are never released or never constrained."""
+    """Yield sentences on conditions that are never met, unless the time or stroke on which this
+    depends is dispersed; and on outputs and clearances of joints that are never released or never
+    constrained."""
     varied = {d.parameter.path for d in dispersions}
     waiting = [(f"phase.{p.name}.until", p.until) for p in scene.phase if p.until is not None]
     waiting += [(f"release.{r.name}.when", r.when) for r in scene.release]

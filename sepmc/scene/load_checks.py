@@ -32,15 +32,15 @@ AXES = 3  # most axes of a table
 
 
 def check_known(key_path: str, name: str, known, what: str, problems: Problems) -> None:
-    """Add a problem if ``name``, the value at ``key_path``, is not in ``known``. ``what`` is the
-    noun of the message, such as "body"."""
+    """Add a problem if ``name``, the value at ``key_path``, is not in ``known``, the valid names.
+    ``what`` is the noun of the message, such as "body"."""
     if name not in known:
         problems.add(key_path, f"no such {what}; {nearest(name, known)}", name)
 
 
 def check_pair(key_path: str, bodies: tuple[str, str], scene: Scene, problems: Problems) -> None:
-    """Add problems if a pair of names is not that of two different bodies, one of which may be the
-    ground."""
+    """Add problems if a pair of names, the value at ``key_path``, is not that of two different
+    bodies, one of which may be the ground."""
     for body in bodies:
         check_known(key_path, body, [*scene.body, GROUND], "body", problems)
     if bodies[0] == bodies[1]:
@@ -50,8 +50,8 @@ def check_pair(key_path: str, bodies: tuple[str, str], scene: Scene, problems: P
 def check_series(
     key_path: str, key: str, series: Sequence[float], least: int, problems: Problems
 ) -> None:
-    """Add a problem if an axis of a table does not rise strictly, or has fewer than ``least`` or
-    more than `TABLE_ROWS` values."""
+    """Add a problem if ``series``, the axis of a table, does not rise strictly, or has fewer than
+    ``least`` or more than `TABLE_ROWS` values. Its key is ``key`` in the table at ``key_path``."""
     if len(series) > TABLE_ROWS:
         reason = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
         problems.add(f"{key_path}.{key}", reason)
@@ -64,7 +64,8 @@ def check_series(
 def check_lengths(
     key_path: str, columns: Mapping[str, Sequence[float]], problems: Problems
 ) -> None:
-    """Add a problem for each column of a table that differs in length from the first."""
+    """Add a problem for each column of the table at ``key_path`` that differs in length from the
+    first column. ``columns`` is by key."""
     (first, axis), *others = columns.items()
     for key, column in others:
         if len(column) != len(axis):

@@ -34,8 +34,8 @@ def check_measurements(
     measurements: Iterable[Measurement], contents: Contents, problems: Problems
 ) -> None:
     """Add a problem for each measurement whose column is not one of histories, or whose
-    ``delay_sigma`` differs from that of another measurement of the same file, which has one
-    clock."""
+    ``delay_sigma`` differs from that of another measurement of the same file, which has one clock.
+    ``contents`` of the campaign determine the columns of histories."""
     columns = [column.name for column in history_columns(contents)]
     clocks: dict[str, float] = {}
     for number, one in enumerate(measurements):

@@ -204,7 +204,8 @@ def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
 
 
 def _not_a_number(node: Any, field: Field | None) -> str:
-    """Reason, for a message, why the value ``node`` at the end of a path is not a number."""
+    """Reason, for a message, why the value ``node`` at the end of a path is not a number; ``field``
+    is the field that has it (None: unknown)."""
     if isinstance(node, tuple) and (names := _names(node, field)):
         if isinstance(node[0], float | int):
             return "is a vector; name one component: ." + ", .".join(names)

@@ -107,7 +107,8 @@ def _known(joint: str, kind: str, scene: Scene) -> bool:
 
 
 def _check_kind(key_path: str, joint: str, kind: str, scene: Scene, problems: Problems) -> None:
-    """Add a problem if a joint does not exist, or has no kind of this name."""
+    """Add a problem if a joint does not exist, or if ``kind``, which the table at ``key_path``
+    gives it, is not a kind that it can have."""
     check_known(key_path, joint, scene.joint, "joint", problems)
     if joint in scene.joint and not _known(joint, kind, scene):
         kinds = [*KINDS, *scene.joint[joint].kind]

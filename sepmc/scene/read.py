@@ -165,8 +165,8 @@ def read_campaign(
 
 
 def read_text(written: bytes, source: str) -> dict[str, Any]:
-    """Parse the bytes of a TOML file to a tree. Raises SceneError, which begins with ``source``, if
-    they are not TOML."""
+    """Parse the bytes ``written`` of a TOML file to a tree. Raises SceneError, whose message begins
+    with ``source``, if they are not TOML."""
     try:
         text = written.decode("utf-8-sig")
         if fault := check_keys(text):
