@@ -68,7 +68,10 @@ class CampaignFile:
 
     Attributes
     ----------
-    name, title : str
+    name : str
+        Name in the file; if it has none, that of the file without its ending.
+    title : str
+        Text for users; empty if the file has none.
     scene : Scene
         With nominal values, in SI.
     dispersions : tuple of Dispersion
@@ -450,8 +453,8 @@ def _check_requirement(
 
 
 def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution]:
-    """Convert the table [dispersion] to distributions by key, the TOML path of a parameter. Adds
-    problems; entries with one are left out."""
+    """Convert the table [dispersion], ``tree``, to distributions by key, the TOML path of a
+    parameter. Adds problems; entries with one are left out."""
     if not isinstance(tree, dict):
         problems.add("dispersion", "must be a table", tree)
         return {}
@@ -474,7 +477,8 @@ def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution
 
 def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], source: str) -> None:
     """Issue a SceneWarning for each body whose dispersed moments of inertia can form a tensor that
-    no solid body has; ``source`` begins its text."""
+    no solid body has: one moment at the upper end of its `Dispersion.reach`, and the others at
+    their lower ends. ``source`` begins its text."""
     by_path = {d.parameter.path: d for d in dispersions}
     for name in scene.body:
         axes = [by_path.get(f"body.{name}.inertia.{axis}") for axis in ("xx", "yy", "zz")]
@@ -501,8 +505,20 @@ def _no_effect_notes(
     dispersions: tuple[Dispersion, ...],
     distributions: dict[str, Distribution],
 ) -> Iterator[str]:
-    """Yield a sentence on each setting of the nominal value of a dispersed parameter whose
-    distribution has absolute values, so that the setting changes the nominal case only."""
+    """Yield a sentence on each setting that changes the nominal case only: it sets the nominal
+    value of a dispersed parameter whose distribution has absolute values, or whose values a column
+    of the samples gives. Nothing is yielded if the settings replace the table [dispersion].
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with the settings.
+    settings : dict
+        Values by TOML path.
+    dispersions : tuple of Dispersion
+    distributions : dict of str to Distribution
+        The table [dispersion], by key: an entry for each of ``dispersions``, in the same order.
+    """
     if "dispersion" in settings:  # the user has set the distributions too
         return
     absolute = {
@@ -529,7 +545,9 @@ def _no_effect_notes(
 
 
 def _is_absolute(spec: Distribution) -> bool:
-    """True if a distribution gives absolute values, not half ranges about the nominal value."""
+    """True if a distribution gives absolute values: it is discrete or constant, or is written with
+    several numbers, such as (low, high), instead of one half range or sigma about the nominal
+    value."""
     return (
         spec.discrete is not None
         or spec.constant is not None

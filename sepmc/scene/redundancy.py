@@ -52,7 +52,8 @@ class Redundancy:
 
 
 def redundancies(scene: Scene) -> list[Redundancy]:
-    """Return a `Redundancy` for each phase that has redundant rows in the initial configuration."""
+    """Return a `Redundancy` for each phase that has redundant rows in the initial configuration, in
+    the order of the phases. Nearly redundant rows (`check_redundancy`) do not count."""
     redundant_phases = []
     for phase, owners, left, ratios in _decompositions(scene):
         rank = int(np.count_nonzero(ratios > _REDUNDANT))
@@ -82,8 +83,10 @@ def check_redundancy(scene: Scene, problems: Problems) -> None:
 
 def _decompositions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
     """Yield the singular value decomposition of the constraint rows of each phase that has rows:
-    name of the phase, joint of each row, left singular vectors (rows, rows), and singular values
-    divided by the largest, falling. Phases whose rows overflow are left out."""
+    name of the phase, name of the joint of each row, left singular vectors (rows, rows) as columns,
+    and singular values divided by the largest, in descending order. There are as many values as the
+    smaller of the number of rows and 6 times the number of bodies. Phases whose rows overflow are
+    left out."""
     for phase in scene.phase:
         with np.errstate(over="ignore", invalid="ignore"):
             coded = [
@@ -101,8 +104,8 @@ def _decompositions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, 
 
 
 def _joints_of(vectors: np.ndarray, owners: list[str]) -> list[str]:
-    """Names of the joints with a row that has a component in any of the ``vectors`` (rows, n);
-    ``owners`` is the joint of each row."""
+    """Names of the joints, each once, with a row whose components in the ``vectors`` (rows, n), the
+    columns, have a norm above 1e-3; ``owners`` has the name of the joint of each row."""
     involved = np.linalg.norm(vectors, axis=1) > 1e-3
     return list(
         dict.fromkeys(owner for owner, is_in in zip(owners, involved, strict=True) if is_in)
@@ -158,7 +161,7 @@ def dependent_rows(
     scene: Scene, coded: list[tuple[str, int]], groups: list[tuple[str, ...]]
 ) -> list[int]:
     """Find the constraint rows that, in the initial configuration, depend linearly on rows before
-    them.
+    them. The bodies of a group have one angular rate, which is zero in a group with the ground.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ def dependent_rows(
     coded : list of (joint, code)
         Joint name and row code of each row.
     groups : list of tuple of str
-        Names of the bodies of each group that rotates as one rigid body.
+        Names of the bodies, the ground among them, of each group that rotates as one rigid body.
 
     Returns
     -------

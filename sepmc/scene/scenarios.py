@@ -29,7 +29,10 @@ class Scenario:
 
     Attributes
     ----------
-    name, title : str
+    name : str
+        Name of the scenario, unique in the campaign.
+    title : str
+        Text for users; empty if the file has none.
     settings : dict of str to any
         Values by TOML path; ``*`` in a path stands for any characters of a name.
     """
@@ -40,8 +43,9 @@ class Scenario:
 
 
 def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
-    """Convert the array ``[[scenario]]`` of a file. Adds problems; entries without a valid name or
-    without values are left out."""
+    """Convert the array ``[[scenario]]`` of a file, ``tree``, to scenarios in its order. Adds
+    problems; entries without a valid name or without values are left out, those with other problems
+    are not."""
     if not isinstance(tree, list):
         problems.add("scenario", "must be an array of tables: [[scenario]]", tree)
         return ()
@@ -131,9 +135,10 @@ def scenario_tree(
 
 
 def _numbers(settings: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield the TOML path and the value of each number in settings, also of those in vectors and
-    tables. Which names the components of a vector have is not known here: each is yielded under
-    every one (x, xx, xy, index), of which at most one is that of a parameter."""
+    """Yield the TOML path and the value of each number in settings, also of those in vectors,
+    tables and arrays. Which names the items of an array have is not known here: each is yielded
+    under several (x, xx, xy, and its ``name`` or index), of which at most one is that of a
+    parameter."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
             yield from _numbers({f"{key}.{name}": item for name, item in value.items()})

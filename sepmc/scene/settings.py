@@ -25,20 +25,22 @@ def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Pro
 def _put(
     node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
 ) -> None:
-    """Put a value into a tree at a TOML path, in place; the same key in another unit is removed.
+    """Put a value into a tree at a TOML path, in place. The same key in another unit is removed; if
+    the path names one component of it, the other components are converted to the new unit.
 
     Parameters
     ----------
     node : dict or list
         Part of the tree.
     keys : list of str
-        Path from there.
+        Parts of the path from there, at least one.
     value : any
     problems : Problems
     key : str
         The whole path, for messages.
     table : str
-        Key that ``node`` has in its parent; bodies and joints are changed but not created.
+        Key that ``node`` has in its parent; empty at the root and for an entry of an array. In
+        "body" and "joint" no key is created: a name that is not there adds a problem.
     """
     head, rest = keys[0], keys[1:]
     if isinstance(node, list):
@@ -98,7 +100,8 @@ def _put(
 
 
 def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
-    """Component names of every vector in a struct and the structs nested in it, by field name."""
+    """Component names, such as ("x", "y", "z"), of every field that is a vector, by field name
+    without unit, in the struct ``kind`` and the structs nested in it."""
     components: dict[str, tuple[str, ...]] = {}
     for field in fields_of(kind).values():
         inner = field.table or field.table_of_tables or field.array_of_tables
@@ -125,8 +128,9 @@ def _builtin(value: Any) -> Any:
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Split a command-line setting ``path=value`` into path and value; a value that is not TOML is
-    text. Raises SceneError if there is no path or no ``=``, or the text is not valid UTF-8."""
+    """Split a command-line setting ``path=value`` at its first ``=`` into path, without double
+    quotes, and value, parsed as TOML; a value that is not TOML is text. Raises SceneError if there
+    is no path or no ``=``, or the text is not valid UTF-8."""
     key, separator, raw = text.partition("=")
     try:
         text.encode()

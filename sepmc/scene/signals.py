@@ -183,8 +183,8 @@ def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
 
 
 def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
-    """Value of the constant ``key`` of a signal, as written in the file; 0, after adding a problem,
-    if its name or value is not valid."""
+    """Value of the constant ``key`` of a signal, as written in the file; 0, after adding a problem
+    at ``key_path``, if its name or value is not valid."""
     if not _IDENTIFIER.fullmatch(key) or len(key) > NAME:
         problems.add(
             key_path, f"a name is a letter followed by at most {NAME - 1} letters, digits or _"
@@ -317,7 +317,8 @@ def _unknown(name: str, scene: Scene, others: list[str]) -> str:
 
 def _unknown_of_item(head: list[str], last: str, scene: Scene, items: Items) -> str:
     """Reason, for a message, why a dotted name is no quantity of a body, joint, spring or event:
-    ``head`` are its parts before the last dot, ``last`` is the one after it."""
+    ``head`` are its parts before the last dot, ``last`` is the one after it; ``items`` as in
+    `quantity`."""
     if head[0] in _OF_ITEM and head[0] not in scene.body:
         kinds = _OF_ITEM[head[0]]
         if len(head) != 2 or head[1] not in items[head[0]]:
@@ -354,8 +355,8 @@ def idle_signals(scene: Scene) -> list[str]:
 
 def with_sizes(scene: Scene) -> Scene:
     """Copy of a scene in which each number that a signal gives is the largest magnitude of the
-    signal's formula over the run, with all quantities but time at 0. For estimates of scales,
-    speeds and heights."""
+    signal's formula, by `value_at`, at 400 times from 0 to the end time. NaN counts as 0, and the
+    number is at most `LARGEST`. For estimates of scales, speeds and heights."""
     times = np.linspace(0.0, scene.run.end_time, _TIMES)
     sizes = {}
     for path, drive in scene.driven.items():
@@ -366,7 +367,8 @@ def with_sizes(scene: Scene) -> Scene:
 
 def value_at(scene: Scene, name: str, times: np.ndarray) -> np.ndarray:
     """Values (n,) of the formula of the signal ``name`` at ``times`` (n,), s, with all quantities
-    but time at 0; lags, servos, integrals and samples are ignored."""
+    but time at 0; lags, servos, integrals and samples are ignored. In a loop of signals, a signal
+    whose value is being computed is read as 0."""
     by_name = {signal.name: signal for signal in scene.signal}
     known: dict[str, np.ndarray] = {}
 

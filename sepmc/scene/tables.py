@@ -105,7 +105,8 @@ def _read_items(
     field: Field, tree: dict[str, Any], key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table whose keys are free, such as the terms of a polynomial or the joints of a
-    phase, to a dict of its values. Adds problems; the dict is complete only without them."""
+    phase, to a dict of its values; ``field`` is the field that it is the value of, whose type gives
+    that of its values. Adds problems; the dict is complete only without them."""
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():
@@ -160,7 +161,8 @@ def read_array(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> tuple[Any, ...]:
     """Convert an array of tables to a tuple of structs of a kind (`read_table`). Adds problems, in
-    which the name of a table, or its index, stands as a key; a table with problems gives None."""
+    which the name of a table, or its index, stands as a key; a table with problems gives None, and
+    anything but an array an empty tuple."""
     if not isinstance(tree, list):
         problems.add(key_path, f"must be an array of tables: [[{key_path}]]", tree)
         return ()

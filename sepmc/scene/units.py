@@ -63,8 +63,9 @@ def unit_text(suffix: str) -> str:
 
 
 def split_unit(key: str) -> tuple[str, str]:
-    """Split a key into stem and unit suffix: ``mass_kg`` into ``("mass", "kg")``; a key without a
-    known unit into ``(key, "")``."""
+    """Split a key into stem and unit suffix, the longest known one: ``mass_kg`` into ``("mass",
+    "kg")``, ``moment_N_m`` into ``("moment", "N_m")``; a key without a known unit into ``(key,
+    "")``."""
     for suffix in _SUFFIXES:
         if key.endswith("_" + suffix):
             return key[: -len(suffix) - 1], suffix

@@ -59,13 +59,14 @@ class Question(msgspec.Struct, forbid_unknown_fields=True):
     cases, seed : int
         Number of cases of the run, and its seed.
     outcomes : tuple of str
-        Outcomes to draw.
+        Outcomes to draw; those that the run does not have are ignored, and without any the most
+        important ones are drawn.
     case : int
-        Number of the case to simulate over time.
+        Number of the case to simulate over time, from 0.
     axes : tuple of (key, low, high)
-        Two design variables to map.
+        Two design variables to map, with their ends in the unit of the key.
     key : str
-        Parameter that gets a slider.
+        TOML path, with its unit, of the parameter that gets a slider.
     """
 
     values: dict[str, float] = {}
@@ -91,11 +92,12 @@ class Studio:
     sliders : list of Slider
         Sliders at the start.
     rank : callable (campaign, statistics)
-        Returns the names of the outcomes, the most important ones first.
+        Returns the names of the outcomes, the most important ones first; ``statistics`` has a row
+        for each outcome.
     copies : callable (settings, cases, seed)
         Returns texts that make a run: ``command``, of a command line, and ``python``.
     second : Executor
-        Second process.
+        Runs functions in a second process: histories and maps.
     cases, seed : int
         Number of cases and seed at the start.
     threads : int, optional
@@ -148,9 +150,10 @@ class Studio:
 
     def run(self, question: Question) -> dict[str, Any]:
         """Run the cases of a question, at most `MAX_CASES`, with the settings of its sliders, after
-        a run in progress has ended. Return, by name, the settings, the number of cases of each
-        status, notes, verdicts, names of the outcomes from the most important one on and, for the
-        outcomes to draw, histograms with statistics."""
+        a run in progress has ended. Return, by name, the settings, the numbers of cases run and of
+        each status, the seed, notes, whether an audit bound is exceeded in an ok case, verdicts,
+        names of the outcomes from the most important one on, the seconds that the answer took and,
+        for the outcomes to draw, histograms with statistics."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)
@@ -231,7 +234,9 @@ def _counts(result: "Result") -> list[str]:
 
 
 def _outcome(campaign: "Campaign", run: RunStatistics, name: str, unit: str) -> dict[str, Any]:
-    """Return histogram, statistics and required bounds of an outcome, as data for the page."""
+    """Return title, unit (empty without one), required bounds, histogram and statistics of an
+    outcome, as data for the page. Edges and counts are empty if there is no histogram; a statistic
+    that is not finite is None."""
     histogram = collapse_constant(run.summary.histogram(name), run.table, name)
     words = to_words(name, unit)
     return {

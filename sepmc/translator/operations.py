@@ -132,8 +132,8 @@ def _bits(name: str, f: Any, left: Number, right: Number) -> Number:
 
 
 def _power(f: Any, base: Number, exponent: Number) -> Number:
-    """Add to ``f`` the code of `base**exponent`: multiplications if the exponent is a known integer
-    above 0, else a call of LLVM's ``pow``. Returns the result."""
+    """Add to ``f`` the code of `base**exponent`: none if both are known, multiplications if the
+    exponent is a known integer above 0, else a call of LLVM's ``pow``. Returns the result."""
     if base.constant is not None and exponent.constant is not None:
         return constant(base.constant**exponent.constant)
     if exponent.kind == INT and exponent.constant is not None and exponent.constant > 0:
@@ -197,7 +197,8 @@ def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
 
 
 def is_in(f: Any, value: Number, items: tuple[Number, ...]) -> Number:
-    """Add to ``f`` the code of `value in items`, of a tuple of numbers; return the truth value."""
+    """Add to ``f`` the code of `value in items`, of a tuple of at least one number; return the
+    truth value."""
     tests = [comparison(f, ast.Eq(), value, item) for item in items]
     return reduce(lambda a, b: connected(f, a, b, False), tests)
 

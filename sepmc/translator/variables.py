@@ -9,15 +9,18 @@ import ast
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-_Path = tuple[tuple[int, int], ...]  # lists of statements around a use, and positions in them
+# (id of a list of statements, position in it) for each such list around a use, outermost first
+_Path = tuple[tuple[int, int], ...]
 
 
 @dataclass
 class _Use:
     """An assignment or a read of a name.
 
-    ``order`` counts the uses of a function in the order of its text; ``path`` is the position in
-    each nested list of statements, outermost first; ``loops`` are the ids of the loops around it.
+    ``order`` counts the uses of a function in the order of its text, from 1; ``path`` is the
+    position in each nested list of statements, outermost first, and empty for an argument;
+    ``loops`` are the ids of the loops around it, outermost first; ``is_store`` is true for an
+    assignment.
     """
 
     order: int
@@ -31,7 +34,7 @@ class _Uses:
     """Assignments and reads of all names of a function, by name, in the order of the text.
 
     The methods add those of a piece of its syntax tree; ``path`` and ``loops`` locate this piece,
-    as in `_Use`.
+    as in `_Use`. ``count`` is the number of uses so far.
     """
 
     by_name: dict[str, list[_Use]] = field(default_factory=lambda: defaultdict(list))

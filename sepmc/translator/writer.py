@@ -10,7 +10,8 @@ class Writer:
     """Text of a function in LLVM assembly, as a list of lines that grows.
 
     It consists of basic blocks: a label, instructions, and at the end a jump, branch or return.
-    Instructions are added to the current block (``block`` is its label).
+    Instructions are added to the current block (``block`` is its label). ``allocations`` are the
+    lines that reserve stack memory, which `define` puts before all others.
 
     Parameters
     ----------

@@ -100,7 +100,12 @@ def polynomial(terms: Mapping[str, float] | None) -> list[tuple[float, int, int]
 class Body:
     """Body ``name`` of a case: its mass, kg, inertia tensor (3, 3) about its mass centre, kg m2,
     and the external loads on it (`loads`). The case is as `sepmc.validation.lagrange.simulate`
-    takes it."""
+    takes it.
+
+    ``cg`` is the mass centre as a layout point, m; ``aero`` its table of aerodynamics or None;
+    ``wind`` the velocity of the air, m/s, ground axes; ``motors`` the motors on it, as `_motor`
+    returns them.
+    """
 
     def __init__(self, name: str, case: Mapping[str, Any]):
         data, self.environment = case["body"][name], case["environment"]

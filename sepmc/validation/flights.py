@@ -53,7 +53,7 @@ def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
 
 
 class NominalRun:
-    """Simulation of the nominal case of a campaign, made by the constructor.
+    """Simulation of the nominal case of the campaign ``source``, made by the constructor.
 
     Attributes
     ----------

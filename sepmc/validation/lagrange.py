@@ -255,6 +255,11 @@ class _Simulation:
     The state vector ``y`` (36,) has the fields of `Motion` one after the other while the bodies are
     joined, and (x, v, R, w) of A and then of B once they are free. Positions and velocities are
     relative to an origin that moves with the initial velocity of the mass centre.
+
+    ``t`` is the time reached, s; ``t_mid`` the middle of the interval that is integrated, s;
+    ``kind`` the kind of the joint in the present phase (empty before the first). ``names`` are the
+    names of the bodies ``A`` and ``B``, and ``start_gap`` is the gap along the joint's x axis at
+    the start, m.
     """
 
     def __init__(self, case: Mapping[str, Any], rtol: float):

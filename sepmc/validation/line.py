@@ -105,7 +105,7 @@ def table(lines: Sequence[Line]) -> str:
 def brief(groups: Mapping[str, Sequence[Line]]) -> str:
     """Table with one row for each check, as plain text: its number of lines, and of these the one
     nearest to its tolerance, or furthest beyond it. The last line has the number of lines and of
-    failures."""
+    failures. ``groups`` has the lines of each check, at least one, by its name."""
     text = [
         f"{'check':22s}{'lines':>6s}   "
         f"{'nearest to the allowed difference':60s}{'difference':>11s}{'allowed':>10s}"

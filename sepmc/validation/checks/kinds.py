@@ -48,7 +48,8 @@ def largest_difference(
     case: str, run: Mapping[str, Any], expected: Mapping[str, Any], sizes: Mapping[str, float]
 ) -> Line:
     """Line of `sepmc verify` on the quantity that differs most between a run and the expected
-    values, both by name; the tolerance is 1e-10.
+    values, both by name; the tolerance is 1e-10, and ``case`` the label of the line. Only the names
+    in ``expected`` are compared.
 
     The difference is relative to the larger of the expected value and ``sizes`` of that name; NaN
     counts as the largest. Values may be numbers or arrays that broadcast.

@@ -35,7 +35,7 @@ RELEASE = {
 def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], float]) -> Line:
     """Line of `sepmc verify` on the order of a method, which must reach that of `STUDIES`: the
     slope of log error over log step, fitted at ``steps``, s. ``error`` takes settings by TOML path
-    and returns the error of a run with them."""
+    and returns the error of a run with them; ``case`` is the label of the line."""
     order, allowed, *_ = STUDIES[method]
     errors = [error({"solver.method": method, "solver.step_s": float(step)}) for step in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]

@@ -173,8 +173,9 @@ def wind() -> list[Stress]:
 
 
 def _near(distance: list[float], axial: list[float], step: float, push: float) -> Tree:
-    """Tree of two bodies, the first with an increment of its axial coefficient over their distance,
-    m. A force ``push``, N, separates them, or drives them together if negative; step in s."""
+    """Tree of two free bodies, of which the first has increments ``axial`` to its axial
+    coefficient, given at the values ``distance`` of their separation distance, m, which is 0 at the
+    start. A force ``push``, N, separates them, or drives them together if negative; step in s."""
     tree = _probe({}, end=1.0)
     data = tree["body"]["probe"]["aerodynamics"]
     tree["body"]["other"] = body(MASS, [10.0, 50.0, 50.0], [3.0, 0.0, 0.0], aerodynamics=dict(data))

@@ -77,7 +77,8 @@ class _Varied:
         resolved: bool = False,
     ) -> Stress:
         """Line of `sepmc stress` on case ``i`` of a block, with its status and, if that is ok, its
-        audit columns beyond their bounds; other arguments become fields of `Stress`."""
+        audit columns beyond their bounds; other arguments become fields of `Stress`, the ``label``
+        its ``input``."""
         status = Status(int(block.status[i])).label
         return Stress(
             label,
@@ -209,8 +210,8 @@ def rods_without_length() -> list[Stress]:
 
 
 def _refusal(label: str, tree: Tree) -> Stress:
-    """Line of `sepmc stress` that is flagged "refused" if reading the scene raises SceneError, else
-    SILENT."""
+    """Line of `sepmc stress` on the scene ``tree``, with the input ``label``: it is flagged
+    "refused" if reading the scene raises SceneError, else its verdict is SILENT."""
     try:
         make(tree)
     except SceneError:

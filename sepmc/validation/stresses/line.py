@@ -109,7 +109,8 @@ def judge(
     resolved: bool = False,
 ) -> Stress:
     """Line of `sepmc stress` on the error of a quantity of a nominal run, with the status of the
-    run and its audit columns beyond their bounds; arguments become fields of `Stress`."""
+    run and its audit columns beyond their bounds; other arguments become fields of `Stress`, the
+    ``label`` its ``input``."""
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 
@@ -168,7 +169,8 @@ def _summary(lines: Sequence[Stress]) -> str:
 
 def brief(groups: Mapping[str, Sequence[Stress]]) -> str:
     """Table with one row for each stress, as plain text: its number of lines by verdict, error and
-    bound of its accurate line nearest to the bound, and its flags. It is ended by `_summary`."""
+    bound of its accurate line nearest to the bound, and its flags. It is ended by `_summary`.
+    ``groups`` has the lines of each stress by its name."""
     text = [
         f"{'stress':22s}{'lines':>6s}{ACCURATE:>10s}{FLAGGED:>9s}{SILENT:>8s}"
         f"{'error':>10s}{'bound':>10s}   flags"

@@ -45,7 +45,8 @@ CONSTRAINED = {
 
 
 def _axes(data: Any) -> Array:
-    """Axes of a joint of the scene as rows (3, 3), in the body axes of its first body."""
+    """Axes of ``data``, a joint of the scene, as unit vectors in the body axes of its first body:
+    rows (3, 3)."""
     x = np.asarray(data.x_axis) / np.linalg.norm(data.x_axis)
     y = np.asarray(data.y_axis) - x * (x @ np.asarray(data.y_axis))
     y /= np.linalg.norm(y)
@@ -220,7 +221,8 @@ def two_balls() -> list[Stress]:
     the line between them, with one redundant row.
 
     The lever arms of that hinge are as short as the distance, so the condition number of the
-    constraint matrix is the inverse of its square.
+    constraint matrix is the inverse of its square. From 1e-5 m on a run must be accurate; from 1e-2
+    m on the scene must not be refused either.
     """
     lines = []
     hinge = pair("revolute")
@@ -258,7 +260,8 @@ def two_balls() -> list[Stress]:
 
 def near_parallel() -> list[Stress]:
     """Lines of `sepmc stress` on two hinges at one point with axes 1 to 1e-12 rad apart: they
-    constrain all three rotations, the third one weakly, so they act as a weld."""
+    constrain all three rotations, the third one weakly, so they act as a weld. From 1e-2 rad on
+    they must be accurate."""
     lines, reference = [], simulate(pair("fixed"))
     for angle in (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
         tree = pair("revolute")

@@ -108,8 +108,9 @@ def pair(
     aft: Tree = AFT,
     **other_tables: Any,
 ) -> Tree:
-    """Tree of two bodies, ``fore`` and ``aft``, turning in empty space, connected to the end by the
-    joint ``link`` of a kind; end time and step in s."""
+    """Tree of two bodies, ``fore`` and ``aft``, turning at `OMEGA` in empty space, connected to the
+    end by the joint ``link`` of a kind; end time and step in s. ``other_tables`` are other
+    arguments of `scene`; ``omega`` among them replaces `OMEGA`."""
     tables = {"omega": OMEGA, **other_tables}
     return scene(
         {"fore": fore, "aft": aft},
@@ -132,7 +133,8 @@ def pushed(
     """Tree of bodies ``fore`` (3 kg) and ``aft`` (1 kg) on the joint ``link`` of a kind, pushed
     apart along its x axis through both mass centres with 1.5 N: a relative acceleration of 2 m/s2.
 
-    The joint is released at a stroke, m, or at a condition in ``until``, whichever is first.
+    The joint is released at a stroke, m, or at a condition in ``until``, keys of the table of that
+    name in a file, whichever is first.
     ``spring`` has other keys of the spring that pushes; end time and step in s.
     """
     push = {
