@@ -169,7 +169,8 @@ def dependent_rows(
     coded : list of (joint, code)
         Joint name and row code of each row.
     groups : list of tuple of str
-        Names of the bodies, the ground among them, of each group that rotates as one rigid body.
+        Names of the bodies of each group that rotates as one rigid body; the ground may be in a
+        group, but not alone. Bodies in no group rotate on their own.
 
     Returns
     -------
