@@ -4,7 +4,7 @@ by a polynomial, fitted to distance, speed and acceleration at points of the ste
 import math
 
 from sepmc.jit import routine
-from sepmc.routines.lanes import LANES
+from sepmc.routines.lanes import LANES, larger
 from sepmc.routines.layout import AT_POINT, GRAIN
 
 
@@ -62,7 +62,7 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
 
 
 @routine
-def write(w, curves, joints, stride, begin, end, length, interval, history, first):
+def write(w, curves, joints, stride, begin, end, length, values, interval, history, first):
     """Write the separation speed and distance of every joint into those rows of a history whose
     times lie in the step that was just made, for all lanes.
 
@@ -74,6 +74,8 @@ def write(w, curves, joints, stride, begin, end, length, interval, history, firs
         As in `fit`.
     begin, end, length : int
         Positions of start time, end time and length of the step of each lane, s.
+    values : int
+        Position of two scratch numbers per lane.
     interval : float
         Time between rows, s; row k has the time k * interval.
     history : array, shape (cases, rows, 2 joints)
@@ -90,15 +92,18 @@ def write(w, curves, joints, stride, begin, end, length, interval, history, firs
     # a diverging case may have negative times
     for row in range(max(0, math.ceil(low / interval - 1e-9)), last + 1):
         t = row * interval
-        for l in range(min(LANES, history.shape[0] - first)):
-            h, start = w[length + l], w[begin + l]
-            if h > GRAIN and start - GRAIN <= t <= w[end + l] + GRAIN:
-                fraction = (t - start) / h
-                for j in range(joints):
-                    top = curves + (stride * j + stride - 1) * LANES + l
-                    value, rate = w[top], 0.0
-                    for k in range(1, stride):
-                        rate = value + fraction * rate
-                        value = w[top - k * LANES] + fraction * value
-                    history[first + l, row, 2 * j] = rate / h
-                    history[first + l, row, 2 * j + 1] = value
+        for j in range(joints):
+            top = curves + (stride * j + stride - 1) * LANES
+            for l in range(LANES):  # also lanes without this row: so it is vectorised
+                h = larger(w[length + l], GRAIN)
+                fraction = (t - w[begin + l]) / h
+                value, rate = w[top + l], 0.0
+                for k in range(1, stride):
+                    rate = value + fraction * rate
+                    value = w[top - k * LANES + l] + fraction * value
+                w[values + l], w[values + LANES + l] = rate / h, value
+            for l in range(min(LANES, history.shape[0] - first)):
+                lasts = w[length + l] > GRAIN
+                if lasts and w[begin + l] - GRAIN <= t <= w[end + l] + GRAIN:
+                    history[first + l, row, 2 * j] = w[values + l]
+                    history[first + l, row, 2 * j + 1] = w[values + LANES + l]

@@ -61,8 +61,9 @@ class Function(Writer):
     module : sepmc.translator.module.Module
         Module that gets the functions that this one calls, and this one by `define`.
     keeps_loops : bool
-        True if LLVM must not unroll loops over ranges. It would take short loops over lanes apart
-        before it looks for loops to vectorise, and their code would stay scalar.
+        True if LLVM must not unroll any loop over a range, as it must not those over
+        ``range(LANES)``: it would take them apart before it looks for loops to vectorise, and their
+        code would stay scalar.
 
     Raises
     ------
@@ -312,7 +313,8 @@ class Function(Writer):
         self._round(line, following, after)
         self.begin(following)
         self.run(f"{rest.text} = add nsw i64 {index.text}, {step}")
-        self.jump(test, f", !llvm.loop {self.module.rolled_loop()}" if self.keeps_loops else "")
+        whole = self.keeps_loops or ast.unparse(line.iter) == "range(LANES)"
+        self.jump(test, f", !llvm.loop {self.module.rolled_loop()}" if whole else "")
         self.begin(after)
 
     def _continue_line(self, line: ast.Continue) -> None:

@@ -35,11 +35,12 @@ def test_polynomials_are_reproduced(name):
         for _ in range(LANES)
     ]
     size = AT_POINT * joints
-    points, coefficients, length, begin, end = np.cumsum(
-        np.array([0, count * size, joints * stride, 1, 1]) * LANES
+    points, coefficients, length, begin, end, values = np.cumsum(
+        np.array([0, count * size, joints * stride, 1, 1, 1]) * LANES
     )
-    w = np.full(end + LANES, np.nan)
-    w[length : length + LANES], w[begin : begin + LANES], w[end:] = STEP, START, START + STEP
+    w = np.full(values + 2 * LANES, np.nan)
+    w[length : length + LANES], w[begin : begin + LANES] = STEP, START
+    w[end : end + LANES] = START + STEP
     w[end + 1] = START + 0.5 * STEP
     for lane, of_lane in enumerate(exact):
         for i, fraction in enumerate(fractions):
@@ -50,7 +51,7 @@ def test_polynomials_are_reproduced(name):
                     w[position] = curve.deriv(k)(t) if k else curve(t)
     curves.fit(w, points, joints, count, rk.curve, length, coefficients, stride)
     history = np.full((LANES, 60, 2 * joints), np.nan)
-    curves.write(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
+    curves.write(w, coefficients, joints, stride, begin, end, length, values, 0.01, history, 0)
     times = 0.01 * np.arange(60)
     for lane, of_lane in enumerate(exact):
         last = w[end + lane]
@@ -65,15 +66,18 @@ def test_polynomials_are_reproduced(name):
 def test_negative_times_have_no_rows():
     """A diverging case may step from a negative time."""
     joints, stride = 1, 3
-    coefficients, length, begin, end = np.cumsum(np.array([0, joints * stride, 1, 1]) * LANES)
-    w = np.zeros(end + LANES)
-    w[length : length + LANES], w[begin : begin + LANES], w[end:] = 0.1, START, START + 0.1
+    coefficients, length, begin, end, values = np.cumsum(
+        np.array([0, joints * stride, 1, 1, 1]) * LANES
+    )
+    w = np.zeros(values + 2 * LANES)
+    w[length : length + LANES], w[begin : begin + LANES] = 0.1, START
+    w[end : end + LANES] = START + 0.1
     w[length], w[begin], w[end] = 2.0, -1.2, 0.8
     history = np.full((LANES, 60, 2), np.nan)
-    curves.write(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
+    curves.write(w, coefficients, joints, stride, begin, end, length, values, 0.01, history, 0)
     assert np.isfinite(history[0]).all()
     assert (np.isfinite(history[1:]).sum(axis=(1, 2)) == 2 * 11).all()
     w[begin] = -np.inf
     history[:] = np.nan
-    curves.write(w, coefficients, joints, stride, begin, end, length, 0.01, history, 0)
+    curves.write(w, coefficients, joints, stride, begin, end, length, values, 0.01, history, 0)
     assert np.isnan(history).all()

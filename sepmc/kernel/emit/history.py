@@ -52,6 +52,7 @@ def _emit_curves(out: Text, c: Context) -> None:
         ("POINT", at.AT_POINT * len(joints)),
         ("POINTS", points * at.AT_POINT * len(joints)),
         ("CURVES", (points + 4) * len(joints)),
+        ("VALUES", 2),
     ):
         c.workspace.add(name, count)
     for segment in c.spec.segments:
@@ -64,7 +65,7 @@ def _emit_curves(out: Text, c: Context) -> None:
     text = out.function("write_history(w, phase: int, first: int, a: Arrays)", docstring)
     text(
         f"curves.write(w, CURVES, {len(joints)}, {points + 4}, BEGIN_T, T, LENGTH, "
-        "vector(a, 5)[0], block(a, 8), first)"
+        "VALUES, vector(a, 5)[0], block(a, 8), first)"
     )
 
 
