@@ -95,6 +95,18 @@ def gap(a, b):
     return distance, x, y
 
 
+@routine
+def gap_from(a, b, v):
+    """Distance between two solid parts, and their nearest points, as `gap`; faster if the vector
+    ``v`` has about the direction from the nearest point of b to that of a. The zero vector stands
+    for an unknown direction."""
+    if dot(v, v) > 0.0:
+        distance, x, y = widest_gap(a, b, v, _RELATIVE, _ROUND_OFF)  # proved, or NaN
+        if distance > 0.0:
+            return distance, x, y
+    return gap(a, b)
+
+
 @formula
 def gap_bound(a, b):
     """Lower bound of the distance of two solid parts (start, axis, length, r0, r1), m, far cheaper

@@ -19,7 +19,7 @@ Checked in `tests/kernel/test_clearances.py` against dense scans.
 
 import math
 
-from sepmc.jit import noinline, routine
+from sepmc.jit import formula, noinline, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.rims import rim_gap
@@ -72,6 +72,8 @@ def search_clearance(w, job):
         JOB_RESULT : smallest distance, m, its time, s, nearest point of the first body (3, layout,
         m), and 1 on contact, else 0; the distance is NaN at first; updated here
         JOB_DONE : set to 1 if the search was complete, else 0
+        JOB_DIRECTION : vector from b to a at the last distance of the pair of solids that is
+        searched, from which the next distance starts (3, axes of a, m)
     """
     noinline()
     parts, poses, h = job + at.JOB_PARTS, job + at.JOB_POSES, w[job + at.JOB_LENGTH]
@@ -146,18 +148,37 @@ def _pose(theta, w, job, pose):
     job, and store it at w[pose]: the matrix from the axes of b to those of a (9), and the vector
     from the centre of mass of a to that of b, axes of a, m (3)."""
     noinline()
-    for n in range(at.PATH):
-        w[pose + n] = 0.0
+    offset, a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
     for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
-        for n in range(at.PATH):
-            w[pose + n] = w[pose + n] * theta + w[job + at.JOB_PATH + at.PATH * q + n]
-    offset = vec3.get(w, pose)
-    to = quat.matrix(quat.unit((w[pose + 3], w[pose + 4], w[pose + 5], w[pose + 6])))
-    r = quat.matrix(quat.unit((w[pose + 7], w[pose + 8], w[pose + 9], w[pose + 10])))
+        path = job + at.JOB_PATH + at.PATH * q
+        offset = _next_power(offset, theta, vec3.get(w, path))
+        a, b = _next_power4(a, theta, w, path + 3), _next_power4(b, theta, w, path + 7)
+    to, r = quat.matrix(quat.unit(a)), quat.matrix(quat.unit(b))
     for n in range(3):
         column = vec3.unrotate(to, (r[n], r[3 + n], r[6 + n]))
         w[pose + n], w[pose + 3 + n], w[pose + 6 + n] = column
     vec3.put(w, pose + 9, vec3.unrotate(to, offset))
+
+
+@formula
+def _next_power(total, theta, coefficient):
+    """One step of Horner's rule for vectors of 3: ``total`` times theta plus ``coefficient``."""
+    return (
+        total[0] * theta + coefficient[0],
+        total[1] * theta + coefficient[1],
+        total[2] * theta + coefficient[2],
+    )
+
+
+@formula
+def _next_power4(total, theta, w, k):
+    """One step of Horner's rule for tuples of 4: ``total`` times theta plus those at w[k]."""
+    return (
+        total[0] * theta + w[k],
+        total[1] * theta + w[k + 1],
+        total[2] * theta + w[k + 2],
+        total[3] * theta + w[k + 3],
+    )
 
 
 @routine
@@ -291,20 +312,23 @@ def _rim(part, end):
 
 
 @routine
-def _distance(pair, w, pose, margin):
+def _distance(pair, w, job, pose, margin):
     """Return the distance of a pair of parts at the pose stored at w[pose], m, and the nearest
     point of body a, axes of a.
 
     ``pair`` is (kind, end, part of a, part of b), each part in the axes of its body; kinds are
     SOLIDS, SHELL_ON_FIRST, ... . ``end`` is the end (0 or 1) of the part whose rim or edge counts;
-    for a sector it is the position of its numbers in w. For a rim and a shell the distance and
+    for a sector it is the position of its numbers in w. ``job`` is the position of the job, of
+    which the direction of two solids is used and updated. For a rim and a shell the distance and
     ``margin`` are those of `rims.rim_gap`: negative through the wall, infinite beyond the ends.
     """
     noinline()
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind == SOLIDS:
-        distance, point, _ = outlines.gap(part_a, part_b)
+        last = job + at.JOB_DIRECTION
+        distance, point, other = outlines.gap_from(part_a, part_b, vec3.get(w, last))
+        vec3.put(w, last, vec3.sub(point, other))
     elif kind == SHELL_ON_FIRST:
         distance, _, point = rim_gap(_rim(part_b, end), part_a, margin)
     elif kind == SHELL_ON_SECOND:
@@ -428,6 +452,7 @@ def _search(pair, motion, w, job):
     if 0.5 * (at_first + at_last - move) > limit:
         return True
     left, static = job + at.JOB_NODES, not move > tiny
+    vec3.put(w, job + at.JOB_DIRECTION, (0.0, 0.0, 0.0))
     for end in range(1 if static else 2):
         if end == 1 and not _is_rim(kind):
             known = w[left + _VALUE]  # most pairs that are never the nearest end here
@@ -467,7 +492,7 @@ def _visit(pair, w, job, node, tiny):
     the result of the job, too, if it is smaller by more than ``tiny`` m, an earlier contact, the
     first distance, or NaN."""
     noinline()
-    distance, point = _distance(pair, w, node + _POSE, _FLUSH * tiny)
+    distance, point = _distance(pair, w, job, node + _POSE, _FLUSH * tiny)
     w[node + _VALUE] = distance
     time = w[job + at.JOB_TIME] + w[node + _AT] * w[job + at.JOB_LENGTH]
     best, best_time = w[job + at.JOB_RESULT], w[job + at.JOB_RESULT + 1]
@@ -531,8 +556,8 @@ def _worth_halving(pair, w, job, right, curvature, speed, dt, tiny):
         return _least(d0, d1, estimate, dt) < limit
     if beside or not (lowest >= 0.0 and highest >= 0.0):  # or it may cross an end
         margin = move + flush
-        d0 = _distance(pair, w, left + _POSE, margin)[0]
-        d1 = _distance(pair, w, right + _POSE, margin)[0]
+        d0 = _distance(pair, w, job, left + _POSE, margin)[0]
+        d1 = _distance(pair, w, job, right + _POSE, margin)[0]
         if max(d0, d1) == math.inf:
             return False
     edge_depth = wide * rise / length  # depth within the ends at which an edge can be nearest

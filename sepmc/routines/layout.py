@@ -86,11 +86,12 @@ PATH = 11
 POSES, POSE = 5, 12
 DEPTH, NODE = 56, 15
 # Offsets: the step's start and length, powers of the path, start and number of the parts of both
-# outlines, mass centres, result, 1 if the search was complete, poses, nodes, path over the step.
+# outlines, mass centres, result, 1 if the search was complete, direction of the last distance of
+# two solids, poses, nodes, path over the step.
 (
-    JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_RESULT, JOB_DONE,
-) = 0, 1, 2, 3, 7, 13, 19  # fmt: skip
-JOB_POSES = 20
+    JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_RESULT, JOB_DONE, JOB_DIRECTION,
+) = 0, 1, 2, 3, 7, 13, 19, 20  # fmt: skip
+JOB_POSES = 23
 JOB_NODES = JOB_POSES + POSES * POSE
 JOB_PATH = JOB_NODES + (DEPTH + 2) * NODE
 # Cell of a pack of splines, loaded by a lane: for each axis low end, high end and origin of

@@ -9,11 +9,11 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from support.compiled import compiled
 
-from sepmc.physics.outlines import gap, gap_bound, inside_gap, wall_gap
+from sepmc.physics.outlines import gap, gap_bound, gap_from, inside_gap, wall_gap
 from sepmc.physics.separation import widest_gap
 
 gap = compiled(gap)
-gap_bound = compiled(gap_bound)
+gap_bound, gap_from = compiled(gap_bound), compiled(gap_from)
 inside_gap = compiled(inside_gap)
 wall_gap = compiled(wall_gap)
 widest_gap = compiled(widest_gap)
@@ -126,6 +126,20 @@ def test_widest_gap_is_proved_where_it_is_found():
                 near, far = near + (abs(off).max() <= 0.1), far + (abs(off).max() > 0.1)
     assert near > 0.6 * separate  # the others meet at an end or on both sides
     assert far > 0.1 * separate
+
+
+def test_a_direction_to_start_from_does_not_change_the_distance():
+    """That of the nearest points, one near it, any other, the opposite one, none and NaN."""
+    rng = np.random.default_rng(8)
+    for a, b in some_pairs(300, 12):
+        distance, x, y = gap(a, b)
+        v = np.subtract(x, y)
+        near = v + 0.1 * np.linalg.norm(v) * rng.normal(size=3)
+        for guess in (v, near, rng.normal(size=3), -v, np.zeros(3), np.full(3, np.nan)):
+            found, p, q = gap_from(a, b, tuples(guess))
+            assert_allclose(found, distance, rtol=1e-10, atol=CLOSE)
+            if found > CLOSE:
+                assert_allclose(np.linalg.norm(np.subtract(p, q)), found, rtol=1e-10)
 
 
 def test_widest_gap_of_a_rim_and_a_side():
