@@ -55,7 +55,7 @@ OF_NOTES = {
     "and verdicts, run random cases, from the first on",
     r"run\.sampler = ": 'for verdicts on requirements use `sampler = "random"`',
     r"balanced after a power of two": "give a number of cases that is a power of two",
-    r"hardly show its effect": "more cases, `sepmc campaign --rare`, or a run of its own with that "
+    r"hardly show the effect": "more cases, `sepmc campaign --rare`, or a run of its own with that "
     "value `constant`",
     r"stopped after": "look at the failed cases by `status`; `--resume` without `--max-failures` "
     "continues",

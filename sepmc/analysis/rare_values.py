@@ -249,6 +249,6 @@ def render_undersampled(counted: Sequence[Occurrence]) -> list[str]:
     n_more = len(rare) - _MAX_NAMED
     more = f", and {n_more} more values too rarely" if n_more > 0 else ""
     return [
-        f"{text}{more}: statistics and intervals hardly show its effect; run more cases, or "
-        f"estimate the probability to violate a requirement by {option('rare')}"
+        f"{text}{more}: statistics and intervals hardly show the effect of such a value; "
+        f"run more cases, or estimate the probability to violate a requirement by {option('rare')}"
     ]

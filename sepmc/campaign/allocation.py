@@ -125,8 +125,8 @@ def allocate(
     Raises
     ------
     InputError
-        If the campaign has no requirement or no spread, its cases are not random, or they are too
-        few to show a requirement.
+        If the campaign has no requirement or no spread, its cases are not random, are those of a
+        sample table, or are too few to show a requirement.
     """
     cases = campaign.scene.run.cases if cases is None else cases
     checked_requirements(campaign, cases)

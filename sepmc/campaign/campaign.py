@@ -79,7 +79,8 @@ def load(
     SceneError
         If the file has errors; the message lists each with the path of its key.
     StoreError
-        If ``verify`` finds that the run folder was changed.
+        If the run folder has the format of another version of sepmc, or contains links, or
+        ``verify`` finds that it was changed.
     """
     file = find_file(path)
     flown_settings: dict[str, str] = {}  # settings of the run
@@ -462,7 +463,8 @@ class Campaign(Definition):
     ) -> Result:
         """Run the cases of ``spec`` into ``folder``, which is open for writing, or in memory if it
         is None; ``options`` are those of `run`, checked. With ``resume``, run only the cases that
-        the folder does not contain yet; it has no effect without a folder."""
+        the folder does not contain yet; it has no effect without a folder. Raises StoreError if the
+        run in the folder cannot be resumed, or a file cannot be written."""
         seed, numbers = spec.seed, spec.numbers
         stats_only, announce, executor, stop = (
             options.stats_only,

@@ -118,7 +118,7 @@ def map_designs(
     ------
     InputError
         If the campaign has no requirement, its cases are not random, both axes vary the same key,
-        or the designs cannot share a kernel.
+        ``max_cases`` is smaller than ``cases``, or the designs cannot share a kernel.
     """
     requirements = judged_requirements(campaign)
     if len({axis.key for axis in axes}) < len(axes):

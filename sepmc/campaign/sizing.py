@@ -147,8 +147,9 @@ def size(
     Raises
     ------
     InputError
-        If the campaign has no requirement, the cases are too few to show one, the cost is no
-        formula of the variables, or no design of the ranges is accepted.
+        If the campaign has no requirement, its cases are not random, are those of a sample table or
+        are too few to show a requirement, the cost is no formula of the variables, or no design of
+        the ranges is accepted.
     StoreError
         If ``out`` cannot be used as requested.
 

@@ -148,7 +148,7 @@ def campaign(
     if workers is not None and cluster is not None:
         raise click.UsageError(
             "--workers and --cluster exclude each other: --workers starts processes on this "
-            "machine, --cluster uses those of its scheduler"
+            "machine, --cluster uses those of a Dask scheduler"
         )
     if resume and overwrite:
         raise click.UsageError("--resume and --overwrite exclude each other")

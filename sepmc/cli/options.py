@@ -174,7 +174,8 @@ def load_campaign(
 
 
 def load_run(folder: Path) -> "Campaign":
-    """Read the campaign of a run folder, without warnings."""
+    """Read the campaign of a run folder, without warnings. Raises SceneError or StoreError as
+    `load_campaign`."""
     return load_campaign(str(folder), (), warn=False)
 
 

@@ -54,7 +54,7 @@ def show_results(
 ) -> None:
     """Print statistics, failures, audit, numerical error and verdicts of a run by ``log``. If
     ``columns`` is given (patterns separated by commas), statistics are only of the outcomes that
-    match it."""
+    match it. Raises InputError if a pattern matches none."""
     from sepmc.analysis import requirements_text
     from sepmc.analysis.statistics_text import render_audit, render_summary
     from sepmc.schema import Status

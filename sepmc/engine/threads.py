@@ -122,7 +122,8 @@ def _fault(error: ValueError) -> InputError:
 
 def use_threads(count: int | None) -> int:
     """Make compiled code that this Python thread calls run on ``count`` threads from now on; None:
-    on all. Returns the number in use, which is 1 in a forked process."""
+    on all. Returns the number in use, which is 1 in a forked process. Raises InputError as
+    `in_use`."""
     if not _forked:
         in_use()
         set_num_threads(count or max_threads())
@@ -132,7 +133,7 @@ def use_threads(count: int | None) -> int:
 @contextlib.contextmanager
 def using_threads(count: int | None) -> Iterator[int]:
     """Context in which compiled code runs on ``count`` threads (None: on all); it yields the number
-    in use. The former number is restored at its end."""
+    in use. The former number is restored at its end. Raises InputError as `in_use`."""
     before = in_use()
     try:
         yield use_threads(count)

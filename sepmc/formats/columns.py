@@ -1,5 +1,5 @@
-"""Columns of a file as quantities in SI, found by the names and units in its header, or by what a
-campaign names."""
+"""Conversion of the columns of a file to quantities in SI; they are found by the names and units in
+its header, or by what a campaign names."""
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
-"""Printed pages of Digital and Missile DATCOM: the tables over ALPHA, by case and configuration.
+"""Parsing of printed pages of Digital and Missile DATCOM to tables over ALPHA, and the choice of a
+case and a configuration.
 
 Missile DATCOM numbers its cases. Digital DATCOM prints a list of the input cards before the pages
 of each; a list that only changes flight conditions continues the case before it.

@@ -1,5 +1,5 @@
-"""Aerodynamic decks in long tables, which have a row for each combination of Mach number, alpha and
-beta, and a column for each coefficient."""
+"""Reading of aerodynamic decks in long tables, which have a row for each combination of Mach
+number, alpha and beta, and a column for each coefficient."""
 
 import itertools
 import math

@@ -303,7 +303,8 @@ def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]
 
 def _prepare(package: str) -> None:
     """Import a library and limit the memory of this process, since a damaged file may ask for any
-    size. Runs in the process that reads the file."""
+    size; it is not limited on systems that cannot. Runs in the process that reads the file. Raises
+    ImportError if the library, or one that it needs, is missing."""
     import_module(package)
     with suppress(ImportError, OSError, ValueError):  # not on all systems
         resource = import_module("resource")
@@ -406,7 +407,7 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
     groups, with ``time`` as for `_of_structs`.
 
     Links are not followed, and data stored in other files are not read. Raises FormatError if there
-    are too many names or numbers.
+    are too many groups and data sets, or numbers.
     """
     h5py = import_module("h5py")
     count = size = 0
@@ -417,7 +418,9 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
         for name in group:
             count += 1
             if count > _MOST_VECTORS:
-                raise FormatError(f"has more than {_MOST_VECTORS:,} names: too many")
+                raise FormatError(
+                    f"has more than {_MOST_VECTORS:,} groups and data sets: export fewer channels"
+                )
             if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
                 continue  # references of MATLAB, links
             item = group[name]
@@ -432,7 +435,9 @@ def _of_hdf5(path: Path, time: str | None) -> dict[str, _Raw]:
             ):
                 size += 8 * item.size  # what a small file unpacks to has no limit of its own
                 if size > FILE_BYTES:
-                    raise FormatError(f"has more than {FILE_BYTES // 8:,} numbers: too many")
+                    raise FormatError(
+                        f"has more than {FILE_BYTES // 8:,} numbers: export fewer channels"
+                    )
                 struct[name] = np.asarray(item[()]).reshape(-1)
         return struct
 

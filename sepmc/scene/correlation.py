@@ -1,4 +1,5 @@
-"""Correlated dispersions: groups of parameters whose distributions a Gaussian copula joins."""
+"""Conversion of the correlations of a file to Gaussian copulas, which join the distributions of
+groups of dispersed parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
-"""Tables ``[map]`` and ``[size]`` of a campaign file: defaults of the commands ``sepmc map`` and
-``sepmc size``. Cases do not depend on them."""
+"""Reading and checks of the tables ``[map]`` and ``[size]`` of a campaign file: defaults of the
+commands ``sepmc map`` and ``sepmc size``. Cases do not depend on them."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,5 @@
-"""Files that a campaign file names: they must lie in its folder or in a folder below it."""
+"""Checks of the files that a campaign file names, which must lie in its folder or in a folder below
+it; and paths of files in settings."""
 
 from collections.abc import Iterator
 from pathlib import Path

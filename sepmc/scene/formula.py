@@ -377,7 +377,8 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
     -------
     ndarray, shape () or (n,)
         NaN where the formula is undefined: a quotient by zero, a root or logarithm of a negative
-        number, a result that is too large, or a value that is NaN.
+        number, a result that is too large, or a value that is not finite. Of the branches of a
+        ``where`` only the chosen one counts.
     """
     with np.errstate(all="ignore"):
         result, undefined = _value(node, values)

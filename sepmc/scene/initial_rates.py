@@ -1,4 +1,4 @@
-"""Initial relative angular rates across joints."""
+"""Initial relative angular rates across joints: which joints have one, and checks of them."""
 
 from collections.abc import Iterator
 

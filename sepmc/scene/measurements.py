@@ -1,4 +1,5 @@
-"""Tables [[measurement]]: telemetry of a flight or test from which parameters are estimated."""
+"""Tables [[measurement]] as data, and checks of them: they name the telemetry of a flight or test
+from which parameters are estimated. `sepmc.campaign.measured_channels` reads its files."""
 
 from collections.abc import Iterable
 from typing import Annotated

@@ -1,4 +1,5 @@
-"""Parts of two outlines between which a clearance is measured."""
+"""Selection of the parts of two outlines between which a clearance is measured, and their elements
+in the arrays of kernels."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Published statistics of outcomes, which a campaign file may give for comparison."""
+"""Structs of the published statistics of outcomes that a campaign file may give for comparison."""
 
 from typing import Annotated
 

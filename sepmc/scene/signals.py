@@ -354,9 +354,10 @@ def idle_signals(scene: Scene) -> list[str]:
 
 
 def with_sizes(scene: Scene) -> Scene:
-    """Copy of a scene in which each number that a signal gives is the largest magnitude of the
-    signal's formula, by `value_at`, at 400 times from 0 to the end time. NaN counts as 0, and the
-    number is at most `LARGEST`. For estimates of scales, speeds and heights."""
+    """Copy of a scene in which each number that a signal gives is the largest magnitude, SI, of the
+    signal's formula at 400 times from 0 to the end time, with all other quantities of the flight at
+    0 (`value_at`). NaN counts as 0, and the number is at most `LARGEST`. For estimates of scales,
+    speeds and heights."""
     times = np.linspace(0.0, scene.run.end_time, _TIMES)
     sizes = {}
     for path, drive in scene.driven.items():

@@ -268,6 +268,11 @@ def with_load(tree: dict[str, Any], load: dict[str, Any], function: Function) ->
     -------
     dict
         A new tree.
+
+    Raises
+    ------
+    InputError
+        If the function cannot be a formula.
     """
     load, signals, name = dict(load), [], load["name"]
     for key, components in trace_load(name, function).items():

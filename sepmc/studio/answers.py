@@ -278,7 +278,8 @@ def verdicts_over(
 ) -> dict[str, Any]:
     """Judge the designs of a grid over design variables. Return the number of cases asked of a
     design, the axes and, by requirement, the verdicts and the fractions of violating cases as
-    nested lists, one inner list for each value of the second axis. Called in a second process."""
+    nested lists, one inner list for each value of the second axis. Called in a second process.
+    Raises InputError as `map_designs`."""
     designs = map_designs(campaign, axes, cases, seed, announce=no_log)
     return {
         "cases": cases,

@@ -84,7 +84,8 @@ def first_sliders(
     campaign: "Campaign", vary: Mapping[str, tuple[float, float] | None]
 ) -> list[Slider]:
     """Return the sliders at the start: one for each key of ``vary``, with the ends given there
-    unless None; if it is empty, one for each dispersed parameter that can have a slider."""
+    unless None; if it is empty, one for each dispersed parameter that can have a slider. Raises
+    InputError as `make_slider`."""
     if vary:
         return [make_slider(campaign, key, ends) for key, ends in vary.items()]
     return [

@@ -47,7 +47,8 @@ def original_mode(
     Raises
     ------
     StoreError
-        If ``stats_only`` or ``keep`` is requested and differs from that of the run.
+        If ``stats_only`` or ``keep`` is requested and differs from that of the run, or the folder
+        cannot be read.
     """
     manifest = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if "digest" not in manifest or "rare" in manifest:
@@ -66,7 +67,7 @@ def original_mode(
 
 def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
     """Cases of the run in ``folder``, if ``campaign`` was loaded from that folder and the run has
-    only some cases of its sample; else None."""
+    only some cases of its sample; else None. Raises StoreError if the folder cannot be read."""
     if campaign.file.folder.resolve() != folder.resolve():
         return None
     numbers = manifests.read_provenance(folder).get("numbers")
@@ -115,7 +116,7 @@ def read_previous(
     Raises
     ------
     StoreError
-        If the folder contains another run, or cases that are not wanted.
+        If the folder contains another run or cases that are not wanted, or cannot be read.
     """
     manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:

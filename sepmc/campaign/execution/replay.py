@@ -84,6 +84,11 @@ def compare_row(
     Returns
     -------
     RowComparison
+
+    Raises
+    ------
+    StoreError
+        If the row is not stored, or its shard is damaged.
     """
     if integration is None:
         return RowComparison(number, was_run=False)

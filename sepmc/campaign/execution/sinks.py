@@ -202,7 +202,8 @@ class SelectedRowWriter:
 
     def finish(self) -> None:
         """Rewrite the saved rows when all cases are known: without those that were among the worst
-        only for a time, and in one shard if they are at most 200,000."""
+        only for a time, and in one shard if they are at most 200,000. Raises StoreError if a shard
+        of saved rows is damaged."""
         entries = shards.entries(self.folder, folders.SELECTED)
         if sum(entry.cases for entry in entries) <= _ROWS_OF_A_SHARD:
             rows = (

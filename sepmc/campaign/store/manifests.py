@@ -1,5 +1,8 @@
 """Manifest of a run folder (``manifest.json``): writing it with checksums, checking these, and
-listing the faults of a run folder."""
+listing the faults of a run folder.
+
+Functions that read the ledger raise StoreError if it cannot be read.
+"""
 
 import contextlib
 import json
@@ -58,7 +61,8 @@ def _is_sealed(manifest: Mapping[str, Any]) -> bool:
 
 def forget_damaged(folder: Path, endings: tuple[str, ...]) -> list[str]:
     """Remove missing or damaged files whose names have one of the ``endings`` from the ledger of a
-    folder, and seal the manifest again; return their names. The files are not deleted."""
+    folder, and seal the manifest again; return their names. The files are not deleted. Raises
+    StoreError if the manifest cannot be read."""
     entries = ledger.read(folder)
     candidates = [(name, entry) for name, entry in entries.items() if name.endswith(endings)]
     damaged = [name for name, entry in candidates if shards.find_fault(folder, entry)]
@@ -121,7 +125,8 @@ def read_provenance(folder: Path) -> dict[str, Any]:
 
     If the manifest is missing or was changed, they are the few entries that the metadata of a shard
     contains (`sepmc.campaign.store.manifest_schema.shard_provenance`), or none if no shard can be
-    read. Raises OtherFormatError for a folder with the format of another version.
+    read. Raises OtherFormatError for a folder with the format of another version, StoreError for
+    one that contains links or special files.
     """
     untrusted.check_entries(folder)
     try:
@@ -212,7 +217,8 @@ def is_resumable(manifest: Mapping[str, Any]) -> bool:
 
 def record_derived(folder: Path, files: Iterable[Path]) -> None:
     """Record files that are derived from the cases of a run, such as statistics and figures, in its
-    ledger, and seal the manifest again. ``files`` are paths that begin with ``folder``."""
+    ledger, and seal the manifest again. ``files`` are paths that begin with ``folder``. Raises
+    StoreError if the manifest cannot be read."""
     names = [path.relative_to(folder).as_posix() for path in files]
     ledger.add(folder, *(ledger.make_entry(name, (folder / name).read_bytes()) for name in names))
     seal(folder, _manifest(folder))

@@ -1,4 +1,5 @@
-"""Files of results in a run folder: statistics, histograms, and the history of a single case."""
+"""Writing and reading of result files in a run folder: statistics, histograms, and the history of a
+single case."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""Sample tables (``run.samples``): CSV or Parquet files with inputs of the cases of a campaign."""
+"""Reading of sample tables (``run.samples``): CSV or Parquet files with inputs of the cases of a
+campaign."""
 
 import re
 import stat

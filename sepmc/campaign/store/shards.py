@@ -1,5 +1,9 @@
 """Shards, the Parquet files of a run folder: case rows, histories, selected rows and accumulators
-(arrays that statistics are computed from). Only this module and sample tables use pyarrow."""
+(arrays that statistics are computed from). Only this module and sample tables use pyarrow.
+
+Functions that read the ledger raise StoreError if it cannot be read; those that write Parquet files
+raise it if a file cannot be written.
+"""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -597,7 +601,8 @@ def _read_rows(
 
 def units(folder: Path, kind: str = folders.CASES) -> dict[str, str]:
     """Unit of each column by name, from the first shard of a ``kind`` (data folder): an empty text
-    for a column without a unit. No columns if there is no such shard."""
+    for a column without a unit. No columns if there is no such shard. Raises StoreError if that
+    shard is damaged."""
     part = next(iter(entries(folder, kind)), None)
     if part is None:
         return {}

@@ -65,7 +65,7 @@ def _check_entry(entry: "os.DirEntry[str]", is_rewritten: bool) -> None:
     if entry.is_symlink():
         raise StoreError(
             f"{entry.path}: is a link, but a run folder contains its own files only: replace it by "
-            "a copy of the file"
+            "a copy of what it links to"
         )
     if not entry.is_file(follow_symlinks=False) and not entry.is_dir(follow_symlinks=False):
         raise StoreError(

@@ -1,5 +1,5 @@
-"""Ignition times of motors that wait for a trigger: an event, a release, or a joint that becomes
-free."""
+"""Emitter of the ignition times of motors that wait for a trigger: an event, a release, or a joint
+that becomes free."""
 
 import math
 

@@ -288,11 +288,12 @@ class Segment:
         return any(self.joint_kinds[joint].values())
 
     def free_kinds(self, joint: str) -> tuple[int, ...]:
-        """Numbers of the kinds in which a joint is free."""
+        """Numbers of those possible kinds of a joint in the segment in which it is free."""
         return tuple(k for k, codes in self.joint_kinds[joint].items() if not codes)
 
     def sliding_kinds(self, joint: str) -> tuple[int, ...]:
-        """Numbers of the kinds in which the pins of a joint are engaged and may slide."""
+        """Numbers of those possible kinds of a joint in the segment in which its pins are engaged
+        and may slide."""
         return tuple(
             k for k, codes in self.joint_kinds[joint].items() if leaves_pins_sliding(codes)
         )
