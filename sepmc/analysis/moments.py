@@ -134,7 +134,8 @@ class Moments:
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
+        ValueError or OverflowError as `set_scalars`."""
         set_scalars(self, next(arrays))
 
     def row(self) -> dict[str, float]:

@@ -120,7 +120,8 @@ class RequirementCounter:
         return [scalars(self), np.array(self.worst), self._near]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
+        ValueError or OverflowError as `set_scalars`."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)

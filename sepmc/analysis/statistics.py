@@ -351,7 +351,8 @@ class AuditSummary:
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
+        ValueError or OverflowError as `set_scalars`."""
         set_scalars(self, next(arrays))
 
     def merge(self, others: "AuditSummary") -> None:

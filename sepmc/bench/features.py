@@ -197,7 +197,7 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
 
 def _without(campaign: Campaign, removed: tuple[str, ...], settings: dict[str, Any]) -> Campaign:
     """Return a campaign without the tables at the paths ``removed`` and their dispersions, and with
-    ``settings``, values by path."""
+    ``settings``, values by path. Raises SceneError if the rest is not valid."""
     tree = copy.deepcopy(campaign.file.tree)
     for path in removed:
         node, *rest = tree, *path.split(".")

@@ -75,7 +75,8 @@ def _select(folder: Path, campaign: "Campaign", way: str, target: str) -> tuple[
     """Select a case of a run; return its number, and the end of a sentence that says why.
 
     ``way`` is the option worst, min, max or nearest, and ``target`` its value: a requirement for
-    worst, an outcome for min and max, OUTCOME:AT for nearest.
+    worst, an outcome for min and max, OUTCOME:AT for nearest. Raises InputError if ``target`` names
+    none of these or no case can be selected, StoreError if the folder is damaged.
     """
     from sepmc.campaign import run_statistics
     from sepmc.campaign.execution import replay

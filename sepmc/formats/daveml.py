@@ -312,7 +312,10 @@ def _long_table(
         for name in used
     }  # fmt: skip
     if math.prod(map(len, points.values())) > _CELLS:
-        raise FormatError("has tables whose points, joined to one grid, are more than 100,000")
+        raise FormatError(
+            "has tables whose points, joined to one grid, are more than 100,000: give them the same "
+            "breakpoints"
+        )
     mesh = dict(zip(used, np.meshgrid(*points.values(), indexing="ij"), strict=True))
     columns, titles = {}, {}
     for name in used:

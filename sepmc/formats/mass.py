@@ -341,7 +341,8 @@ def _inertia(balance: Element, tag: str, is_required: bool) -> float:
 
 
 def _measured(element: Element, kind: str, units: dict[str, str]) -> float:
-    """Number in the text of an element, converted to SI; ``kind`` and ``units`` as for `_unit`."""
+    """Number in the text of an element, converted to SI; ``kind`` and ``units`` as for `_unit`,
+    which raises FormatError."""
     return _unit(element, kind, units) * element.numbers(element.text, element.tag, 1)[0]
 
 

@@ -395,7 +395,7 @@ def _time_title(columns: Mapping[str, Any], time: str | None) -> str:
 
 def _of_matlab(path: Path, time: str | None) -> dict[str, _Raw]:
     """Read the channels of a MATLAB file of a version up to 7.2: its vectors and those in its
-    structs, with ``time`` as for `_of_structs`."""
+    structs, with ``time`` and errors as for `_of_structs`."""
     from scipy.io import loadmat  # noqa: PLC0415
 
     content = loadmat(path, simplify_cells=True)

@@ -208,7 +208,10 @@ def check_signals(
     of ``driven`` (see `take_driven`) whose signal does not exist."""
     for signal in scene.signal:
         if signal.sample is not None and scene.run.end_time / signal.sample > _MOST_SAMPLES:
-            reason = f"gives more than {_MOST_SAMPLES:,} samples up to {scene.run.end_time:g} s"
+            reason = (
+                f"gives more than {_MOST_SAMPLES:,} samples up to {scene.run.end_time:g} s: "
+                "give a longer one"
+            )
             problems.add(f"signal.{signal.name}.sample_s", reason, signal.sample)
     known = [signal.name for signal in scene.signal]
     for shown, drive in driven.values():

@@ -165,7 +165,7 @@ class Symbol:
 
 def _applied(function: str, *inputs: Any) -> Symbol:
     """Symbol of the result of a formula function or operator (by its name in formulas) applied to
-    symbols and numbers."""
+    symbols and numbers. Raises FormulaError as `apply`."""
     return Symbol(apply(function, tuple(map(_node, inputs))))
 
 

@@ -99,7 +99,7 @@ class FlightLog:
 
     def save(self) -> None:
         """Write the batches collected in memory as one shard, and record it in the ledger; does
-        nothing if there are none."""
+        nothing if there are none. Raises StoreError if it cannot be written."""
         if not self._pending:
             return
         n_cases = sum(len(rows) for _, rows in self._pending)

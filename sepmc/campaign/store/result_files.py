@@ -122,7 +122,7 @@ def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
     """Write the history of a single case as ``history.parquet``, and a ledger with this file alone
-    in place of the old one; return the path of the file.
+    in place of the old one; return the path of the file. Raises StoreError if it cannot be written.
 
     ``history`` has a row per time, and the unit of each column in ``history.attrs["units"]``;
     ``meanings`` are explanations by column, which the file contains.

@@ -75,7 +75,7 @@ def phase_of(**kinds: str) -> list[Tree]:
 
 
 def make(tree: Tree) -> Campaign:
-    """Campaign of a scene; the tree stays as it is."""
+    """Campaign of a scene; the tree stays as it is. Raises SceneError if the scene is not valid."""
     return Campaign(parse_campaign(copy.deepcopy(tree), "stress", None))
 
 
