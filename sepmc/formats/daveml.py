@@ -313,8 +313,8 @@ def _long_table(
     }  # fmt: skip
     if math.prod(map(len, points.values())) > _CELLS:
         raise FormatError(
-            "has tables whose points, joined to one grid, are more than 100,000: give them the same "
-            "breakpoints"
+            "has tables whose points, joined to one grid, are more than 100,000: give them "
+            "the same breakpoints"
         )
     mesh = dict(zip(used, np.meshgrid(*points.values(), indexing="ij"), strict=True))
     columns, titles = {}, {}
