@@ -75,7 +75,8 @@ def attribute_failures(
     Returns
     -------
     list of Attribution
-        Those with a ``chance`` below 0.001, the largest ``information`` first; empty if no case or
+        Those with a ``chance`` below 0.001 (`Attribution` explains the fields) in which a part or
+        cell stands out (`_attribution`), the largest ``information`` first; empty if no case or
         every case violates.
     """
     n, k = len(violates), int(np.count_nonzero(violates))

@@ -24,7 +24,7 @@ _STAGES = {"text": "kernel text", "steps": "step selection"}
 
 def screen_width() -> int:
     """Return the width of tables in characters: that of the terminal or of the environment variable
-    COLUMNS, at least 60; the default without both."""
+    COLUMNS, at least 60; `sepmc.analysis.statistics_text.WIDTH` without both."""
     from sepmc.analysis.statistics_text import WIDTH
 
     if not sys.stdout.isatty() and "COLUMNS" not in os.environ:

@@ -121,7 +121,10 @@ def _epoch(given: Any, segments: list[Segment]) -> tuple[float, str]:
     if given is None:
         if sum(len(segment.rows) for segment in segments) > 1:
             first, last = segments[0].first, segments[-1].last
-            raise FormatError(f'has rows from {first} to {last}; choose by epoch = "{first}"')
+            raise FormatError(
+                f"has rows from {first} to {last}; give the start of the flight, such as "
+                f'epoch = "{first}"'
+            )
         return segments[0].epochs[0], "its only epoch"
     given = given.isoformat() if isinstance(given, datetime) else given  # a date of TOML
     epoch = seconds_of(given) if isinstance(given, str) else None

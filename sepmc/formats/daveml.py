@@ -331,7 +331,9 @@ def _long_table(
         ]
         title = _title(variables[each.result])
         if title in columns:
-            raise FormatError(f"line {each.element.line}: {title} is given twice")
+            raise FormatError(
+                f"line {each.element.line}: another function gives {title} too: leave one out"
+            )
         titles[each.result] = title
         columns[title] = table(np.stack(at, axis=-1)).ravel()
     return TextTable(columns), titles

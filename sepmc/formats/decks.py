@@ -136,7 +136,9 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
         if not name:
             left.append(title)
         elif name in values:
-            raise FormatError(f"has two columns of {name}; one of them is {title}")
+            raise FormatError(
+                f"has two columns of {name}; one of them is {title}: leave one out of the file"
+            )
         else:
             values[name] = numbers
     _refuse_conditions(left, values)

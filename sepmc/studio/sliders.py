@@ -150,11 +150,11 @@ def _check(
         )
     if dispersion and not _is_continuous(dispersion):
         reason = (
-            "its distribution is discrete"
+            "its distribution is discrete; give a continuous one, or none"
             if dispersion.weights
-            else "a sample table gives its values"
+            else "a column of run.samples gives its values; leave the column out of that table"
         )
-        raise InputError(f"{name}: cannot have a slider: {reason}; change the file")
+        raise InputError(f"{name}: cannot have a slider: {reason}")
 
 
 def _ends(

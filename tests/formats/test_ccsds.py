@@ -91,7 +91,7 @@ def test_between_rows_a_circle_is_followed(tmp_path):
              -r * n * math.sin(n * t), r * n * math.cos(n * t), 0.0)
             for t in (0.0, 20.0, 40.0)]  # fmt: skip
     path = oem(tmp_path, *rows)
-    with pytest.raises(FormatError, match=r"has rows from .* to .*; choose by epoch"):
+    with pytest.raises(FormatError, match=r"has rows from .* to .*; give the start of the flight"):
         read_initial(path, {})
     keys, _ = read_initial(path, {"epoch": EPOCH})
     assert_allclose(keys["altitude_m"], 5e5, atol=5e-3)
@@ -188,7 +188,7 @@ def test_campaign_has_the_state_and_its_own_keys(tmp_path):
     assert understood[0].startswith("initial.trajectory: 's.oem': state of STAGE")
     twice = {"initial": {"trajectory": {"file": "s.oem"}, "speed_km_s": 1.0}}
     read_files(twice, tmp_path, problems)
-    assert problems == ["initial.speed_m_s: is given by the file too"]
+    assert problems == ["initial.speed_m_s: is given by the file too: leave this key out"]
 
 
 @pytest.mark.parametrize(

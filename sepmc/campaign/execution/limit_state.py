@@ -1,5 +1,5 @@
-"""Limit-state function of a rare-event estimate: maps standard-normal samples to margins of a
-requirement, by running their cases.
+"""Limit-state function of a rare-event estimate: `MarginEvaluator` maps standard-normal samples to
+margins of a requirement, by running their cases; `LimitState` computes margins from their results.
 
 A margin is the distance of an outcome from the bound of the requirement; below 0 the case violates.
 """
@@ -102,7 +102,9 @@ class LimitState:
 
 
 def limit_state(campaign: Definition, name: str) -> LimitState:
-    """Create the limit state of a requirement of a campaign.
+    """Find where in the results of a case the margin of a requirement is computed from.
+
+    No case is run: `MarginEvaluator` runs the cases.
 
     Parameters
     ----------

@@ -74,8 +74,8 @@ def _passive_conditions(
     scope: Scope, c: Context, source: Segment | Release
 ) -> Iterator[tuple[int, Expr]]:
     """Yield, for each condition of ``source`` that is a time or the end of a spring's stroke, its
-    number and the symbolic condition that it is met now. Flags of all other conditions are set
-    where their events are located."""
+    condition number (as in `condition_flag`) and the symbolic condition that it is met now. Flags
+    of all other conditions are set where their events are located."""
     now = scope.load("T")
     for number, due in source.times.items():
         yield number, now >= due_time(scope, c, due) - at.GRAIN

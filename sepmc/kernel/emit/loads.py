@@ -301,8 +301,8 @@ def _power(x: Expr, n: int) -> Expr:
 
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
-    """Add the force and moment of a motor, number ``i`` of the scene, to the load terms ``acting``
-    of its body: the thrust with its build-up and, if loads switch, its profile and tail-off."""
+    """Add the force and moment of a motor, number ``i`` of the scene from 0, to the load terms
+    ``acting`` of its body: the thrust with its build-up and, if loads switch, its profile and tail-off."""
     case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -362,7 +362,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 
 def _load(s: State, i: int, acting: _Loads) -> None:
-    """Add force and moment of the constant load ``i`` of the scene to the load terms ``acting`` of
+    """Add force and moment of the constant load ``i``, from 0, of the scene to the load terms ``acting`` of
     its body."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     force: Any = three_numbers(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
@@ -402,8 +402,8 @@ def _weight(s: State, body: str) -> Any:
 
 
 def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> None:
-    """Add the force of a spring, number ``i`` of the scene, along its line to the load terms of
-    both of its bodies; it is zero after the end of its stroke."""
+    """Add the force of a spring, number ``i`` of the scene from 0, along its line to the load terms
+    of both of its bodies; it is zero after the end of its stroke."""
     force = spring_force(s, spring, i)
     path = f"spring.{spring.name}"
     if spring.push_only:
@@ -415,9 +415,9 @@ def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> No
 
 
 def spring_force(s: State, spring: Spring, i: int) -> Expr:
-    """Force of a spring (number ``i`` of the scene) within its stroke, N, positive when it drives
-    its bodies apart, with its table and factor; for a spring that only pushes, before negative
-    forces are cut off."""
+    """Force of a spring (number ``i`` of the scene, from 0) within its stroke, N, positive when it
+    drives its bodies apart, with its table and factor; for a spring that only pushes, before
+    negative forces are cut off."""
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
     path = f"spring.{spring.name}"

@@ -43,7 +43,8 @@ class Motion:
     joint forces; ``acceleration`` is that of each mass centre (ground axes, m/s2), ``spin_rate``
     the angular acceleration of each rigid group by its leader (body axes, rad/s2; by body in the
     full formulation). Joint forces are given either by ``multipliers`` of the constraint rows in
-    ``system``, solved with ``factors``, or as ``wrenches`` on second bodies from the full system.
+    ``system``, solved with ``factors``, or, from the full system, as ``wrenches`` on second bodies:
+    ``multipliers`` are empty then.
     With ``min_norm`` the rows are those of bodies that rotate each by itself, and the multipliers
     those of minimum norm. If not ``moving``, all values are changes per newton of a force, without
     velocity terms.
@@ -62,7 +63,8 @@ class Motion:
 
     @property
     def rows(self) -> list[JointRow]:
-        """Constraint rows of the joints, one for each multiplier; empty without rows."""
+        """Constraint rows of the joints, in the order of ``multipliers``; also with ``wrenches``,
+        when there are no multipliers. Empty if the segment has no constraint rows."""
         return self.system.rows if self.system else []
 
 

@@ -189,7 +189,8 @@ def table_force(spring: str) -> str:
 
 
 def slack_tables(spec: KernelSpec) -> list[tuple[int, Spring]]:
-    """Pairs (number in the scene, spring) of the springs with a force table that only push."""
+    """Pairs (number from 0 in the scene, spring) of the springs with a force table that only
+    push."""
     springs = enumerate(spec.scene.spring)
     return [(i, one) for i, one in springs if one.push_only and one.table is not None]
 
@@ -350,13 +351,14 @@ def call_look_up(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _increments(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
-    """Pairs (number in the scene, increments) of the proximity increments of the given bodies."""
+    """Pairs (number from 0 in the scene, increments) of the proximity increments of the given
+    bodies."""
     return [(i, entry) for i, entry in enumerate(c.spec.scene.proximity) if entry.body in bodies]
 
 
 def table_start(c: Context, body: str) -> int:
     """Index, among the shared numbers (those of all cases, in the field SHARED), of the packed
-    aerodynamic table of a body; -1 without."""
+    aerodynamic table of a body; -1 if the body has none."""
     return int(
         c.spec.layout.model.table[int(c.model.aero_table_i) + list(c.spec.bodies).index(body)]
     )
@@ -364,13 +366,13 @@ def table_start(c: Context, body: str) -> int:
 
 def proximity_start(c: Context, number: int) -> int:
     """Index, among the shared numbers (as in `table_start`), of the packed table of proximity
-    increments with the given number in the scene."""
+    increments with the given number (from 0) in the scene."""
     return int(c.spec.layout.model.table[int(c.model.proximity_i) + number])
 
 
 def force_table_start(c: Context, number: int) -> int:
     """Index, among the shared numbers (as in `table_start`), of the packed force table of the
-    spring with the given number in the scene; -1 without."""
+    spring with the given number (from 0) in the scene; -1 if the spring has none."""
     return int(c.spec.layout.model.table[int(c.model.force_tables_i) + number])
 
 

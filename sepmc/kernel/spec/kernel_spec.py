@@ -51,7 +51,7 @@ class Event:
     ``quantity`` is the code of the quantity (AT_STROKE, ... of `sepmc.routines.layout`), ``item``
     the joint, spring, body, kink (`sepmc.kernel.spec.kinks`) or cell field
     (`sepmc.kernel.spec.step_cells`) that has it. ``threshold`` is the index of the threshold
-    in the parameter vector; of an end of a table cell the axis (0 to 2); -1 without.
+    in the parameter vector; of an end of a table cell the axis (0 to 2); -1 without a threshold.
 
     ``ends_phase`` is True if the event ends its phase by itself. Else ``number`` is that of a
     condition in clauses (`Segment.clauses`, `Release.clauses`): with ``any_phase`` in those of a
@@ -120,7 +120,8 @@ ANY_PHASE = "any_phase"  # in place of the segment, for conditions of releases a
 
 def condition_flag(segment: str, number: int) -> str:
     """Name of the workspace field that is 1 once condition ``number`` has been met; ``segment`` is
-    the name of the segment that the condition ends, or ANY_PHASE."""
+    the name of the segment that the condition ends, or ANY_PHASE. Conditions are numbered through
+    the whole scene: a number is an index of `sepmc.kernel.spec.conditions.Conditions.leaves`."""
     return f"FLAG_{segment}_{number}"
 
 
@@ -146,9 +147,9 @@ class Release:
     ``joint`` is "", an observation event, which releases nothing.
 
     It occurs when all conditions of at least one of its ``clauses`` are met; a clause is a tuple of
-    condition numbers. By condition number, ``times`` has the conditions that are times and
-    ``springs`` the springs whose end of stroke is the condition; ``events`` has the conditions on
-    the state and ``loads`` those on joint loads (`Event.number`).
+    condition numbers (as in `condition_flag`). By condition number, ``times`` has the conditions
+    that are times and ``springs`` the springs whose end of stroke is the condition; ``events`` has
+    the conditions on the state and ``loads`` those on joint loads (`Event.number`).
     """
 
     name: str
@@ -162,7 +163,7 @@ class Release:
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a joint to its kind number ``to``.
+    """Change of a joint to its kind number ``to`` (a key of its `Kinds`).
 
     ``event`` names the trigger: a phase (at its end) or a release. The change follows the trigger
     after the release delay of the joint. A case in which it does not happen until the end has the
@@ -216,8 +217,8 @@ class Segment:
     pending_event : Event or None
         Condition that ends the next phase, evaluated while delayed releases are pending.
     clauses : list of tuple of int
-        The segment ends when all conditions (by number) of at least one clause are met; empty if it
-        is not ended by clauses.
+        The segment ends when all conditions (by number, as in `condition_flag`) of at least one
+        clause are met; empty if it is not ended by clauses.
     times, springs : dict by int
         By condition number: conditions of the clauses that are times, and springs whose end of
         stroke is one.

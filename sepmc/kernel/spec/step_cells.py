@@ -43,7 +43,7 @@ def has_kinks(spring: Spring, dispersed: frozenset[str]) -> bool:
 
 def proximity_cell(number: int) -> str:
     """Name of the workspace field of the cell of a table of proximity increments, given by its
-    number in the scene."""
+    number in the scene, from 0."""
     return f"INCREMENT_CELL_{number}"
 
 

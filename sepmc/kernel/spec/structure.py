@@ -420,8 +420,8 @@ def _clauses(
     number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
     """Return the clauses of event ``number`` (as numbered in `Conditions`), each a tuple of
-    condition numbers (those of the leaves). The event occurs when all conditions of at least one
-    clause are met.
+    condition numbers (indices of ``leaves`` there). The event occurs when all conditions of at
+    least one clause are met.
 
     Returned after the clauses are their conditions by type: times by condition number, springs
     whose end of stroke is a condition by its number, conditions on the state, conditions on joint
