@@ -190,7 +190,7 @@ def _fill(
     own = {split_unit(key)[0] for key in table}
     for key, value in table_read.items():
         if split_unit(key)[0] in own:
-            problems.add(f"{key_path}.{key}", "is given by the file too: leave this key out")
+            problems.add(f"{key_path}.{key}", "is given by the file too: leave it out here")
         table[key] = value
 
 
@@ -234,7 +234,7 @@ def _thrust(
         understood.append(f"scaled by {factor:.6g} to an impulse of {value * size:.6g} N s")
     for key in ("time", "fraction"):
         if any(split_unit(each)[0] == key for each in profile):
-            problems.add(f"{key_path}.{key}", "is given by the file too: leave this key out")
+            problems.add(f"{key_path}.{key}", "is given by the file too: leave it out here")
     thrust_key = next((key for key in motor if split_unit(key)[0] == "thrust"), None)
     if curve.is_fraction:
         fractions = curve.thrust

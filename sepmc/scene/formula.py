@@ -223,7 +223,7 @@ def _number(value: object) -> Number:
 
 def _path(tree: ast.expr) -> str:
     """Dotted name, without marks, of a Python name or attribute. Raises FormulaError for anything
-    else, and for an attribute of anything but a name."""
+    else, such as an attribute of a call."""
     parts: list[str] = []
     while isinstance(tree, ast.Attribute):
         parts.insert(0, tree.attr)

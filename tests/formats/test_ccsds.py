@@ -188,7 +188,7 @@ def test_campaign_has_the_state_and_its_own_keys(tmp_path):
     assert understood[0].startswith("initial.trajectory: 's.oem': state of STAGE")
     twice = {"initial": {"trajectory": {"file": "s.oem"}, "speed_km_s": 1.0}}
     read_files(twice, tmp_path, problems)
-    assert problems == ["initial.speed_m_s: is given by the file too: leave this key out"]
+    assert problems == ["initial.speed_m_s: is given by the file too: leave it out here"]
 
 
 @pytest.mark.parametrize(

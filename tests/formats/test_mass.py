@@ -266,5 +266,5 @@ def test_keys_beside_the_file_are_refused(tmp_path):
     read_files(tree, tmp_path, problems)
     assert problems == [
         "body.upper.mass_properties.bodies: unknown key; allowed: file, link, axes, origin_m",
-        "body.upper.mass_kg: is given by the file too: leave this key out",
+        "body.upper.mass_kg: is given by the file too: leave it out here",
     ]

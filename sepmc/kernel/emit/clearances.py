@@ -84,8 +84,8 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
 
 
 def is_active(c: Context, segment: Segment, i: int) -> str:
-    """Kernel code, within a loop over lanes, of the condition that clearance number ``i`` is
-    measured in a segment: "True", "False", or a comparison that is true once the joint that the
+    """Kernel code, within a loop over lanes, of the condition that clearance number ``i``, from 0,
+    is measured in a segment: "True", "False", or a comparison that is true once the joint that the
     clearance names in ``after`` is free."""
     after = c.spec.scene.clearance[i].after
     if i not in c.active_clearances(segment):
@@ -147,9 +147,9 @@ def _part_lines(c: Context, i: int, side: int) -> list[str]:
 
 
 def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
-    """Append lines that store the distance, m, of the two bodies of clearance number ``i`` at the
-    state ``s`` at the workspace path ``destination``; NaN in lanes where the condition ``active``
-    (code) is not satisfied. The search is that over a step without motion."""
+    """Append lines that store the distance, m, of the two bodies of clearance number ``i``, from
+    0, at the state ``s`` at the workspace path ``destination``; NaN in lanes where the condition
+    ``active`` (code) is not satisfied. The search is that over a step without motion."""
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.position(body) for body in entry.bodies)
@@ -170,8 +170,8 @@ def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: st
 
 
 def is_active_at_start(c: Context, i: int) -> bool:
-    """True if clearance number ``i`` is measured from the start of a case, not only after the
-    release of a joint."""
+    """True if clearance number ``i``, from 0, is measured from the start of a case, not only after
+    the release of a joint."""
     after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
     return after is None or min(first.joint_kinds[after]) in first.free_kinds(after)
 

@@ -302,7 +302,8 @@ def _power(x: Expr, n: int) -> Expr:
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     """Add the force and moment of a motor, number ``i`` of the scene from 0, to the load terms
-    ``acting`` of its body: the thrust with its build-up and, if loads switch, its profile and tail-off."""
+    ``acting`` of its body: the thrust with its build-up and, if loads switch, its profile and
+    tail-off."""
     case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -362,8 +363,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 
 def _load(s: State, i: int, acting: _Loads) -> None:
-    """Add force and moment of the constant load ``i``, from 0, of the scene to the load terms ``acting`` of
-    its body."""
+    """Add force and moment of a constant load, number ``i`` of the scene from 0, to the load terms
+    ``acting`` of its body."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     force: Any = three_numbers(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
     moment: Any = three_numbers(s, f"load.{load.name}.moment", p + at.LOAD_MOMENT)

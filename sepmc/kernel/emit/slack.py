@@ -66,8 +66,8 @@ def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
 
 
 def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Jet:
-    """Jet of the number ``key`` (such as "stiffness") of a spring, number ``i`` of the scene from 0,
-    SI: of the signal that gives it, if any, else of the parameter at the offset ``slot`` of the
+    """Jet of the number ``key`` (such as "stiffness", SI) of a spring, number ``i`` of the scene
+    from 0: of the signal that gives it, if any, else of the parameter at the offset ``slot`` of the
     spring's block."""
     s = signals.s
     drive = s.spec.scene.driven.get(f"spring.{spring.name}.{key}")
