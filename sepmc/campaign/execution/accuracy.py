@@ -271,7 +271,8 @@ def with_errors(
 
     ``error`` is the relative error of the outcome, from ``errors_by_name`` (NaN if unknown); the
     column is left out if ``errors_by_name`` is empty. ``error_size`` is the error in the unit of
-    the outcome, and ``constant`` is True if no two cases differ by more than twice that error; see
+    the outcome (round-off alone if the error is unknown), and ``constant`` is True if at least two
+    cases have the outcome and none differ by more than twice that error; see
     `sepmc.analysis.constant_outcomes.with_constants`.
     """
     if errors_by_name:

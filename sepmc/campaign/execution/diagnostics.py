@@ -312,7 +312,8 @@ def _min_at_end_note(clearance: str, times: str) -> str:
 def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
     """List with one note if no calibration case reached its end or, unless the file gives the step
     (``fixed`` is True), if the requested accuracy is not met; else empty. The latter note names the
-    outcomes with the largest errors, at most `_MAX_NAMES`."""
+    outcomes that do not meet it, at most `_MAX_NAMES`, the largest error first; those in
+    `AchievedAccuracy.positions` do not count."""
     if not achieved.cases:
         return [
             "no calibration case reached its end with the kernel of the campaign, so its numerical "
