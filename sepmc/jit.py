@@ -1,8 +1,8 @@
-"""Marks of the functions that `sepmc.translator` compiles for kernels.
+"""Marks in the source of the functions that `sepmc.translator` compiles for kernels.
 
 The marks are decorators that return the function unchanged, so in Python it stays callable; the
-translator reads them from the source. A workspace is the buffer of floats in which a kernel keeps
-all numbers of the cases that it integrates side by side.
+translator finds them only as ``@NAME`` above the function. A workspace is the buffer of floats in
+which a kernel keeps all numbers of the cases that it integrates side by side.
 """
 
 import os

@@ -172,7 +172,7 @@ def attribute_missing(
         Number of ok cases in which the outcome is NaN.
     attributions : list of Attribution
         Inputs that distinguish them from the other ok cases, see `attribute_failures`; empty for a
-        patterned ``design``.
+        ``design`` in `PATTERNS` ("sobol", "saltelli").
     """
     ok = ok_rows(cases)
     missing = np.isnan(column(cases, metric)[ok])

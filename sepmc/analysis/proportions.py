@@ -56,7 +56,7 @@ def difference_interval(k_one: int, n_one: int, k_two: int, n_two: int) -> tuple
     Parameters
     ----------
     k_one, n_one, k_two, n_two : int
-        Successes and trials of the first and of the second sample.
+        Successes and trials of the first and of the second sample; at least one trial each.
 
     Returns
     -------
@@ -73,7 +73,8 @@ def paired_interval(second_only: int, first_only: int, n: int) -> tuple[float, f
     Parameters
     ----------
     second_only, first_only, n : int
-        Pairs of trials with a success in the second trial only, in the first only, and all pairs.
+        Pairs of trials with a success in the second trial only, in the first only, and all pairs
+        (at least one).
 
     Returns
     -------

@@ -166,8 +166,8 @@ def summarise(
     Returns
     -------
     TableStatistics or StreamingStatistics
-        The former, with exact percentiles, up to `MAX_EXACT_CASES` cases; the latter, to which all
-        rows were added, with the percentiles of a `QuantileSketch`, for more.
+        Up to `MAX_EXACT_CASES` cases a TableStatistics, with exact percentiles; for more cases a
+        StreamingStatistics, to which all rows were added, with those of a `QuantileSketch`.
     """
     if cases.rows <= MAX_EXACT_CASES:
         return TableStatistics(cases, outcomes, audits, bounds, requirements)

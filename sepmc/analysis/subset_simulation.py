@@ -167,13 +167,14 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends (low, high) of the 95 % interval of the probability of a negative margin."""
+        """Ends (low, high) of the 95 % interval of the probability of a negative margin; 0 and an
+        upper bound, at most 1, if no case has one."""
         return self._interval(self.known)
 
     @property
     def interval_with_unknown(self) -> tuple[float, float]:
         """Ends (low, high) of the 95 % interval of the probability that a case has a negative
-        margin or no margin."""
+        margin or no margin; 0 and an upper bound, at most 1, if no case has either."""
         return self._interval(self.known + self.unknown)
 
     def _interval(self, estimates: np.ndarray) -> tuple[float, float]:

@@ -385,8 +385,8 @@ def _at(values: np.ndarray, step: float, times: np.ndarray) -> np.ndarray:
 
 
 def _sum_squares(differences: np.ndarray) -> np.ndarray:
-    """Return the sums (n,) of the squares of differences (n, m) of n cases; for a difference that
-    is NaN, the mean square of the others of its case counts; infinite if all of them are NaN."""
+    """Return the sums (n,) of the squares of differences (n, m) of n cases. A square that is not
+    finite counts as the mean of the finite ones of its case; the sum is infinite without these."""
     squares = differences**2
     known = np.isfinite(squares)
     total, count = np.where(known, squares, 0.0).sum(axis=1), known.sum(axis=1)
@@ -563,8 +563,8 @@ def _coarse_shift(
 
 
 def _run_times(time: np.ndarray, shifts: np.ndarray | float) -> np.ndarray:
-    """Return times by the flight's clock (m,) as times of the run, the former minus the clock
-    shift: (m,) for one shift, (n, m) for one of each case (n,), s."""
+    """Return times by the flight's clock (m,) as times of the run: ``time`` minus the clock shift,
+    s; (m,) for one shift, (n, m) for one of each of n cases (n,)."""
     return time - shifts if np.ndim(shifts) == 0 else time - np.asarray(shifts)[:, None]
 
 

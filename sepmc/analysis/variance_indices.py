@@ -275,7 +275,7 @@ def _neighbour_mean(y: np.ndarray, max_lag: int) -> np.ndarray:
 
 def _half_width(influence: np.ndarray, excess: float, added: float) -> float:
     """Return the half-width of the 95 % interval of an index from the ``influence`` (n,) of each
-    case on it: its variance, divided by n, is the variance of the index.
+    case on it: its variance, divided by n, is the variance of the index. 0 if that is 0.
 
     ``excess`` is subtracted from the variance of the influence, and ``added`` is added to that of
     the index. Degrees of freedom follow from the kurtosis (Satterthwaite, Biometrics 2, 1946).

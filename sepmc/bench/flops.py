@@ -148,8 +148,9 @@ def count_evaluations(
     the rates by name of the phase.
 
     It must be called in a process in which formulas run as plain Python (environment variable
-    `PLAIN`). ``tree`` and ``name`` are the content and name of the file. The others are those of an
-    `Integration`: ``solver`` is its `one_method`, ``methods`` its `method_names`.
+    `PLAIN`). ``tree`` and ``name`` are the content and name of the file. ``steps`` and
+    ``durations`` are those of an `Integration`, ``solver`` is its `one_method`, ``methods`` its
+    `method_names`.
     """
     campaign = Campaign(parse_campaign(tree, name))
     kernel = interpreted.load(kernel_text(campaign, solver))

@@ -99,9 +99,9 @@ def _refined_fraction(block: Block) -> float:
 def _row(
     variant: SolverVariant, times: list[float], error: float, worst: str, few: bool
 ) -> dict[str, Any]:
-    """Return the row of a variant in the table of `measure`, from the times of its repeats, s, and
-    its largest error, which the outcome ``worst`` has; ``few`` is True if it ran fewer than the
-    study's cases."""
+    """Return the row of a variant in the table of `measure`: median and minimum of the ``times`` of
+    its repeats, s, scaled to ms of 10,000 cases, and its largest error, which the outcome ``worst``
+    has; ``few`` is True if it ran fewer than the study's cases."""
     scale = 1e3 * PER / variant.cases
     return {
         "formulation": variant.formulation,

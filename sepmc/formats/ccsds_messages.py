@@ -210,8 +210,8 @@ def _attitude_cells(state: Element, segment: Segment) -> list[str]:
         angle = element.attributes.get("angle", "") if element else ""
         if angle and angle[0].upper() != _LETTERS.get(letter, letter):
             raise FormatError(
-                f"line {state.line}: <{tag}> is {shorten(angle)}, but EULER_ROT_SEQ is {sequence}; "
-                "both must give the same axis"
+                f"line {state.line}: <{tag}> has angle = {shorten(angle)}, but EULER_ROT_SEQ is "
+                f"{sequence}; both must give the same axis"
             )
     return _cells(state, tags)
 

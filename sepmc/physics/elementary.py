@@ -117,8 +117,9 @@ def _ratio(y, x):
 
 @formula
 def _angle(u, high, steep, y, x):
-    """Angle of the point (x, y), rad, -pi to pi, from the results of `_ratio`: ``u`` is the
-    quotient of the first two, ``high`` and ``steep`` are the others."""
+    """Angle of the point (x, y), rad, -pi to pi, from the four results of ``_ratio(y, x)``: ``u``
+    is its first result (numerator) divided by its second (denominator), ``high`` its third (True if
+    the ratio was reduced), ``steep`` its fourth (True if |y| is larger than |x|)."""
     angle = u + u * (u * u) * _arctan_series(u * u)
     angle = 0.25 * math.pi + angle if high else angle
     angle = 0.5 * math.pi - angle if steep else angle

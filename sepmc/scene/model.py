@@ -89,9 +89,9 @@ class AirProfile(_Table, frozen=True, kw_only=True):
 class Environment(_Table, frozen=True, kw_only=True):
     """Environment of the flight: atmosphere, gravity and wind.
 
-    ``air`` is the atmosphere "table", None for the others; ``density_factor`` multiplies the
-    density of any atmosphere. ``gravity`` is the model of how gravity depends on height,
-    ``surface_gravity`` its value at height 0 (m/s2).
+    ``air`` is the table of the atmosphere "table", None for any other; ``density_factor``
+    multiplies the density of any atmosphere. ``gravity`` is the model of how gravity depends on
+    height, ``surface_gravity`` its value at height 0 (m/s2).
     """
 
     atmosphere: Literal["us1976", "table", "none"] = "us1976"
@@ -685,8 +685,8 @@ class Requirement(_Table, frozen=True, kw_only=True):
 
     ``metric`` is the column of an outcome, with bounds ``at_least`` and ``at_most`` (None: no such
     bound; inclusive; in the unit of the column, not SI); or a status that must not occur; or
-    `VIOLATION`, if no other requirement may be violated. The last two have no bounds. A verdict is
-    given with this ``confidence``.
+    `VIOLATION`, if no other requirement may be violated. A status and `VIOLATION` have no bounds. A
+    verdict is given with this ``confidence``.
     """
 
     name: Name

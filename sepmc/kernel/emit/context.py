@@ -305,7 +305,7 @@ def origin_height(scope: Scope, time: Expr) -> Expr:
 
 
 def height(scope: Scope, body: str) -> Expr:
-    """Height of the mass centre of a body above the ground, m, at the state Y."""
+    """Height of the mass centre of a body, not GROUND, above the ground, m, at the state Y."""
     return scope.load(f"Y + X_{body}", 3)[1] + origin_height(scope, scope.load("T"))
 
 

@@ -128,11 +128,13 @@ class State:
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
     def quaternion(self, leader: str) -> Expr:
-        """Attitude quaternion (body to ground) of the rigid group that ``leader`` leads."""
+        """Attitude quaternion (body to ground) of the rigid group that ``leader`` leads; not for
+        GROUND, which has no field (`attitude` allows it)."""
         return self.scope.load(f"{self.field} + Q_{leader}", 4).called(f"q_{leader}")
 
     def rate(self, leader: str) -> Expr:
-        """Angular rate of the rigid group that ``leader`` leads, body axes, rad/s."""
+        """Angular rate of the rigid group that ``leader`` leads, body axes, rad/s; not for GROUND,
+        which has no field (`spin` allows it)."""
         return self.scope.load(f"{self.field} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
     def attitude(self, body: str) -> Any:
@@ -264,7 +266,8 @@ class State:
         return quat.pitch(r), quat.yaw(r), quat.roll(r)
 
     def sliding(self, joint: str) -> Any:
-        """Number that is 1 while the present kind of a joint lets its guide pins slide, else 0."""
+        """Number that is 1 while the present kind of a joint lets its guide pins slide, else 0; the
+        known number 1.0 if all kinds possible in the segment do."""
         return self.is_active(joint, self.segment.sliding_kinds(joint))
 
     def is_active(self, joint: str, kinds: tuple[int, ...]) -> Any:

@@ -226,7 +226,7 @@ class Signals:
     def _kinked(self, signal: str, node: Call, arguments: list[Jet]) -> Jet:
         """Jet (value and time derivatives) of ``node``, a call of abs, sign, min or max in the
         formula of ``signal``, given the jets of its arguments. The branch of sign follows the mode
-        of its kink, those of the others the present value of the switching function."""
+        of its kink, that of abs, min and max the present value of the switching function."""
         first, last = arguments[0], arguments[-1]
         # only sign jumps: the others may pass a kink by the little that a step passes its end
         low, high = self._sides(signal, node, by_mode=node.function == "sign")
@@ -366,7 +366,8 @@ class Quantities:
         return Jet(elapsed, where(passed, 1.0, 0.0) if self.moving else 0.0)
 
     def _acceleration(self, body: str) -> Any:
-        """Acceleration of the mass centre of a body, ground axes, m/s2, from the derivative K1."""
+        """Acceleration of the mass centre of a body, not GROUND, in ground axes, m/s2, from the
+        derivative K1 of the state."""
         return self.s.scope.load(f"K1 + V_{body}", 3)
 
     def _jet(self, value: Any, rate: Any, second: Any = None) -> Jet:
@@ -492,7 +493,8 @@ class Quantities:
 
     def _axis(self, body: str, axis: int, k: int) -> Jet:
         """Jet (value and time derivatives) of component ``k`` in ground axes of the unit vector
-        along body axis number ``axis`` of a body; for both numbers 0 is x, 1 y, 2 z."""
+        along body axis number ``axis`` of a body that is not in the rigid group of the ground; for
+        both numbers 0 is x, 1 y, 2 z."""
         s, leader = self.s, self.s.segment.leader(body)
         r, spin = s.attitude(body), s.spin(body)
         e = (r[axis], r[axis + 3], r[axis + 6])

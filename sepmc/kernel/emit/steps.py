@@ -446,9 +446,9 @@ def emit_cut_attitudes(text: Text, c: Context, segment: Segment, flag: str) -> N
 
 
 def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, list[Any]]:
-    """Expressions for the attitude of a body at the state Y: length of its quaternion; unit
-    quaternion; rotation matrix; pitch and roll, rad, with the full turns that bring them nearest to
-    their last values."""
+    """Expressions for the attitude, at the state Y, of a body that leads a rigid group (not
+    GROUND): length of its quaternion; unit quaternion; rotation matrix; pitch and roll, rad, with
+    the full turns that bring them nearest to their last values."""
     q = scope.load(f"Y + Q_{body}", 4).called("q")
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
@@ -462,9 +462,9 @@ def _attitude(scope: Scope, body: str) -> tuple[Expr, tuple[Any, ...], Expr, lis
 
 
 def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
-    """Add lines to a scope that, after a step, raise the field DRIFT to the deviation of a body's
-    quaternion from unit length, normalise the quaternion, and update pitch and roll with full
-    turns.
+    """Add lines to a scope that, after a step, raise the field DRIFT to the deviation from unit
+    length of the quaternion of a body that leads a rigid group (not GROUND), normalise the
+    quaternion, and update pitch and roll with full turns.
 
     They set WINDING_UNCLEAR in a case in which the full turns are unclear (`_flag_winding`), and
     TURNED_FAR where pitch and roll cannot be followed: near a yaw of 90 deg, or after more than a
