@@ -51,10 +51,11 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     Returns
     -------
     DataFrame, a row for the whole scene, then one without each feature
-        ``feature``, its name, and ``change``, what was removed; time ``ms``, scaled to 10,000
-        cases, and its ``spread``; ``evaluations`` per case, ``flops_per_evaluation`` and
-        ``flops_per_case`` (NaN if not counted); ``time_ratio`` and ``flop_ratio``, time and flops
-        over those of the whole scene; ``cases``, the number of cases timed.
+        ``feature``, its name, and ``change``, what was removed; median time ``ms`` of 10,000
+        cases, scaled from those timed, and its ``spread``; ``evaluations`` per case,
+        ``flops_per_evaluation`` and ``flops_per_case`` (NaN if not counted); ``time_ratio`` and
+        ``flop_ratio``, time and flops over those of the whole scene; ``cases``, the number of
+        cases timed.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)

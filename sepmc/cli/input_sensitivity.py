@@ -35,7 +35,7 @@ class InputSensitivity:
     attributions : dict of str to list of Attribution
         By kind of failure, also for requirements that no case violates: inputs, and pairs of
         inputs, that distinguish its cases. Empty if none does, or if the test is invalid for the
-        ``design``.
+        ``design`` (sobol and saltelli).
     failures : dict of str to str
         By kind of failure that occurred: text with the number of its cases.
     keys : dict of str to str

@@ -50,7 +50,7 @@ class MappedChannel:
     Attributes
     ----------
     column, channel : str
-        Names of the two.
+        Name of the column, and name of the channel.
     factor : float
         Factor on the values of the channel.
     unit : str

@@ -294,8 +294,8 @@ def _is_inner_summit(previous, current, following):
 @formula
 def _is_end_summit(end, inner, slope):
     """Return 1.0 if the magnitude has a peak between an end of the step and the next node, else
-    0.0: it rises from the end into the step, but is not higher at the next node. ``end`` and
-    ``inner`` are its values at the two, ``slope`` is its slope at the end, into the step."""
+    0.0: it rises from the end into the step, but is not higher at the next node. ``end`` is its
+    value at the end, ``inner`` that at the node, ``slope`` its slope at the end, into the step."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
 

@@ -128,8 +128,8 @@ def to_ground(r: Array, vectors: Array) -> Array:
 
 
 def arm(scene: Any, body: str, layout: Any) -> Array:
-    """Vector (3,), m, body axes, from the mass centre of a body to a layout point [station, y, z],
-    m; see CONVENTIONS.md."""
+    """Vector (3,), m, body axes, from the mass centre of a body, not the ground, to a layout point
+    [station, y, z], m; see CONVENTIONS.md."""
     return (np.asarray(layout, float) - np.asarray(scene.body[body].cg)) * (-1.0, 1.0, 1.0)
 
 

@@ -28,7 +28,7 @@ class Case:
         return tuple(self.scope.parameter(index + i) for i in range(3))
 
     def body(self, body: str) -> int:
-        """Index of the first parameter of a body in the parameter vector."""
+        """Index of the first parameter of a body, not GROUND, in the parameter vector."""
         return at.HEAD + at.BODY_SIZE * self.spec.bodies.index(body)
 
     def mass(self, body: str) -> Expr:

@@ -201,8 +201,8 @@ def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
 
 
 def _nearest_angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll of the rigid group of ``leader`` at a state within a step, rad, with the full
-    turns that bring them nearest to those at the end of the step."""
+    """Pitch and roll of the rigid group of ``leader`` (not GROUND) at a state within a step, rad,
+    with the full turns that bring them nearest to those at the end of the step."""
     attitude = s.attitude(leader)
     pitch, roll = (component(f"ANGLES_{leader}", k) for k in range(2))
     return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(

@@ -193,8 +193,8 @@ def body_outcomes(
 
 
 def angles(s: State, leader: str) -> tuple[Any, Any]:
-    """Pitch and roll, rad, of the rigid group of ``leader`` at the end of the last step, with full
-    turns."""
+    """Pitch and roll, rad, of the rigid group of ``leader`` (not GROUND) at the end of the last
+    step, with full turns."""
     return s.scope.load(f"ANGLES_{leader}"), s.scope.load(component(f"ANGLES_{leader}", 1))
 
 
