@@ -35,7 +35,7 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
     end = points + (count - 1) * size * LANES
     for j in range(joints):
         at, to = AT_POINT * j * LANES, curves + stride * j * LANES
-        for k in range(2, stride):
+        for k in range(count + 4, stride):
             for l in range(LANES):
                 w[to + k * LANES + l] = 0.0
         for l in range(LANES):
@@ -44,20 +44,15 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
             w[to + LANES + l] = h * w[points + at + LANES + l]
         for k in range(count + 2):
             row = to + (k + 2) * LANES
-            for i in range(count):
-                acceleration = points + i * size * LANES + at + 2 * LANES
-                for l in range(LANES):
-                    w[row + l] += matrix[k, i] * w[acceleration + l]
             for l in range(LANES):
+                total = 0.0
+                for i in range(count):
+                    total += matrix[k, i] * w[points + (i * size + 2) * LANES + at + l]
                 h = w[length + l] if w[length + l] != 0.0 else 1.0
                 value, rate = w[points + at + l], w[points + at + LANES + l]
                 rate_change = (w[end + at + LANES + l] - rate) / h
                 value_change = (w[end + at + l] - value - h * rate) / (h * h)
-                total = (
-                    w[row + l]
-                    + matrix[k, count] * rate_change
-                    + matrix[k, count + 1] * value_change
-                )
+                total = total + matrix[k, count] * rate_change + matrix[k, count + 1] * value_change
                 w[row + l] = h * h / ((k + 1.0) * (k + 2.0)) * total
 
 

@@ -401,17 +401,17 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
     methods, typical = c.methods(segment), f"typical[{number}]"
     if segment.may_end_by_load:  # no load is looked at in a step without length
         typical = f"max({typical}, {_SHORTEST_S})"
+    size = f"{c.spec.active_size(segment)} * LANES"
     if c.history == at.SEPARATION_HISTORY:
-        text.components("SIZE_Y")("w[BEGIN + e + l] = w[Y + e + l]")
+        text.components(size)("w[BEGIN + e + l] = w[Y + e + l]")
         text.lanes()("w[BEGIN_T + l] = w[T + l]")
     for k, rk in enumerate(methods):
         inner = text
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
-        size = f"{c.spec.active_size(segment)} * LANES"
         inner(f"{advance(rk)}(w, {number}, {size}, {left}, {typical})")
         if c.history == at.SEPARATION_HISTORY:
-            inner(f"{fit_curves(rk)}(w, {number})")
+            inner(f"{fit_curves(rk)}(w, {number}, {size})")
 
 
 def _pending_calls(segment: Segment) -> list[str]:

@@ -93,21 +93,21 @@ def fit_curves(rk: Method) -> str:
 
 
 def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
-    """Write the kernel function ``fit_curves_METHOD(w, phase)``, which stores the polynomials of
-    the separations over the step just made by the method ``rk`` in segment number ``phase`` into
-    the field CURVES; it uses the derivatives at the stages of that step, which are still
-    stored."""
+    """Write the kernel function ``fit_curves_METHOD(w, phase, size)``, which stores the polynomials
+    of the separations over the step just made by the method ``rk`` in segment number ``phase``,
+    with ``size`` numbers of the state, into the field CURVES; it uses the derivatives at the stages
+    of that step, which are still stored."""
     text = out.function(
-        f"{fit_curves(rk)}(w, phase: int)",
+        f"{fit_curves(rk)}(w, phase: int, size: int)",
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
     )
     text.lanes()("w[LENGTH + l] = w[STEP + l]")
     stages = (0, *rk.within)
     for number, i in enumerate(stages):
-        restore_stage(text, rk, i, "SIZE_Y")
-        text.components("SIZE_Y")(f"w[D + e + l] = w[K{i + 1} + e + l]")
+        restore_stage(text, rk, i, "size")
+        text.components("size")(f"w[D + e + l] = w[K{i + 1} + e + l]")
         _store_point(text, c, number)
-    text.components("SIZE_Y")("w[S + e + l] = w[Y + e + l]")
+    text.components("size")("w[S + e + l] = w[Y + e + l]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text("rates(w, phase)")
     _store_point(text, c, len(stages))
