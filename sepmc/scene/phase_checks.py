@@ -82,15 +82,16 @@ def _check_can_move(
     key_path: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
     """Add a problem for each key of a condition that asks for a motion (stroke, distance, angle)
-    which the joint, by ``kinds`` of the phase, cannot make: this key is never met. A ``release``
-    that may free the joint within the phase does not count."""
+    which the joint, by ``kinds`` of the phase, cannot make, nor after any of its releases: this key
+    is never met. Releases count whether they occur within the phase or not."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
-    if joint in scene.joint and _known(joint, kind, scene):
-        rows = rows_of(scene.joint[joint], kind)
+    possible = [kind, *(release.to for release in scene.release if release.joint == joint)]
+    if joint in scene.joint and all(_known(joint, each, scene) for each in possible):
+        rows = [rows_of(scene.joint[joint], each) for each in possible]
         is_constrained = {
-            "stroke": 0 in rows,
-            "distance": {0, 1, 2} <= set(rows),
-            "angle": sum(at.ROTATION <= row < at.ROD for row in rows) == 3,
+            "stroke": all(0 in each for each in rows),
+            "distance": all({0, 1, 2} <= set(each) for each in rows),
+            "angle": all(sum(at.ROTATION <= row < at.ROD for row in each) == 3 for each in rows),
         }
         for key, constrained in is_constrained.items():
             if getattr(until, key) is not None and constrained:

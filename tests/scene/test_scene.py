@@ -406,3 +406,28 @@ def test_ends_of_phases_that_differ_by_round_off_are_equal(pair):
     phases[1]["until"]["time_s"] = 0.114096
     with pytest.raises(SceneError, match="time_s of an earlier phase"):
         pair({"phase": phases})
+
+
+@pytest.mark.parametrize(
+    ("until", "to", "accepted"),
+    [
+        ({"stroke_mm": 3.0}, "slider", True),
+        ({"stroke_mm": 3.0}, "revolute", False),
+        ({"angle_deg": 3.0}, "revolute", True),
+        ({"angle_deg": 3.0}, "slider", False),
+        ({"distance_mm": 3.0}, "slider", True),
+        ({"distance_mm": 3.0}, "spherical", False),
+    ],
+)
+def test_a_phase_may_wait_for_a_motion_that_a_release_allows(pair, until, to, accepted):
+    """Nested or not, the condition may be met once the joint is released to a kind that moves."""
+    pins = {"joint": "pins"} | until
+    for condition in (pins, {"any": [pins]}, {"all": [pins, {"time_s": 0.2}]}):
+        phases = [{"name": "locked", "joints": {"pins": "fixed"}, "until": condition}]
+        release = [{"name": "opened", "joint": "pins", "to": to, "when": {"time_s": 0.1}}]
+        settings = {"phase": [*phases, {"name": "free"}], "release": release}
+        if accepted:
+            assert pair(settings).scene.phase[0].until is not None
+            continue
+        with pytest.raises(SceneError, match="so that key is never met"):
+            pair(settings)
