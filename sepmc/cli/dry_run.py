@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sepmc.campaign.execution.integration import Integration
 
 _TIMED_S = 0.3  # time to spend on cases that measure the speed
-_FEWEST, _GROWTH = 1, 8  # cases of the first measurement, and growth to the next one
+_FEWEST, _GROWTH = 8, 8  # cases of the first measurement, and growth to the next one
 
 
 def show_forecast(
@@ -82,8 +82,8 @@ def _time_per_case(
     total: int,
     separation: list[Any],
 ) -> tuple[float, int]:
-    """Measure how long it takes to sample and integrate a case, on the first cases of a selection.
-    All cores are used, and start-up costs are not counted.
+    """Measure how long it takes to sample and integrate a case, on the first cases of the longest
+    range of a selection. All cores are used, and start-up costs are not counted.
 
     ``total`` is the number of cases of the whole sample, ``separation`` the columns of stored
     histories: if there are any, the cases are integrated with their histories. The measurement is
@@ -93,7 +93,7 @@ def _time_per_case(
     from sepmc.campaign.execution.integration import history_rows
     from sepmc.campaign.execution.integration import integrate as integrate_samples
 
-    first, end = selection.ranges[0]
+    first, end = max(selection.ranges, key=lambda of: of[1] - of[0])
 
     def integrate(count: int, rows: int = 0) -> None:
         samples = campaign.in_si(campaign.sample(first, count, seed, total))
@@ -101,9 +101,9 @@ def _time_per_case(
 
     integrate(1)  # start-up costs
     rows = history_rows(campaign.scene) if separation else 0
-    count, seconds = _FEWEST, 0.0
+    count, seconds = 0, 0.0
     while seconds < _TIMED_S and count < end - first:
-        count = min(_GROWTH * count, end - first)
+        count = min(max(_FEWEST, _GROWTH * count), end - first)
         start = time.perf_counter()
         integrate(count, rows)
         seconds = time.perf_counter() - start

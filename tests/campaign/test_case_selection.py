@@ -1,6 +1,7 @@
 """Which cases are flown: so many, those named, those of a table; no more than it takes."""
 
 import shlex
+import time
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,7 @@ from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli.app import main
+from sepmc.cli.dry_run import _time_per_case
 from sepmc.scene.messages import InputError, RunWarning, SceneError
 
 INPUTS = ["in_body_fore_mass_kg", "in_spring_push_force_N"]
@@ -425,6 +427,18 @@ def test_dry_run_writes_nothing(file, tmp_path):
     (folder / "mine").write_text("x", encoding="utf-8")
     for more in (["--out", folder], ["--until", "separation_speed_m_s:0"]):
         assert command("campaign", file, "--dry-run", *more)[0] == 2
+
+
+@pytest.mark.parametrize(("cases", "measured"), [("5:6", 1), ("5,100:103", 3)])
+def test_a_dry_run_measures_the_longest_range(file, monkeypatch, cases, measured):
+    """Also if that, or the first one, is a single case."""
+    monkeypatch.setattr(
+        "sepmc.campaign.execution.integration.integrate", lambda *args: time.sleep(0.01)
+    )
+    campaign, selection = sepmc.load(file), parse(cases)
+    case_s, count = _time_per_case(campaign, None, selection, 4, selection.end, [])
+    assert count == measured
+    assert count * case_s >= 0.01
 
 
 def test_the_earlier_name_of_the_sample_table_is_answered_with_the_new_one(file):
