@@ -360,6 +360,19 @@ def test_a_hinge_does_not_separate_along_its_axis(pair, kind, notes):
     assert len(outcome["notes"]) == notes
 
 
+def test_a_joint_released_to_a_hinge_does_not_separate_along_its_axis(pair):
+    """Released from fixed to revolute, it is a hinge as if a phase made it one."""
+    phases = [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.1}},
+        {"name": "free"},
+    ]
+    release = [{"name": "hinged", "joint": "pins", "to": "revolute", "when": {"time_s": 0.01}}]
+    settings = {"phase": phases, "release": release, "solver": {"accuracy": 1e-6}}
+    outcome = pair(PUSHED | settings).simulate(step_s=0.5).attrs
+    assert outcome["outcomes"]["separation_distance_mm"] < -100.0
+    assert outcome["notes"] == []
+
+
 @pytest.mark.parametrize("law", [{"normal": 0.3}, {"uniform": [0.5, 0.9]}])
 def test_a_coefficient_of_a_polynomial_varies(law):
     """What bounds a polynomial bounds none of its coefficients: a case replays, and a law with ends

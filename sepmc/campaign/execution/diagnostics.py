@@ -401,12 +401,13 @@ def _motors_toward(scene: Scene, first: str, second: str) -> str:
 
 
 def _is_hinge(scene: Scene, name: str) -> bool:
-    """Return True if in some phase joint ``name`` allows rotation but no motion along its x axis
-    (or is a rod): its separation distance along x then means nothing."""
-    kinds = [rows_of(scene.joint[name], phase.joints.get(name, "free")) for phase in scene.phase]
+    """Return True if in some phase, or after a release, joint ``name`` allows rotation but no
+    motion along its x axis (or is a rod): its separation distance along x then means nothing."""
+    kinds = [phase.joints.get(name, "free") for phase in scene.phase]
+    kinds += [release.to for release in scene.release if release.joint == name]
     turning = [
         rows
-        for rows in kinds
+        for rows in (rows_of(scene.joint[name], kind) for kind in kinds)
         if rows and sum(ROTATION <= row < ROD for row in rows) < _ALL_ROTATIONS
     ]
     return any(_ROW_X in rows or ROD in rows for rows in turning)
