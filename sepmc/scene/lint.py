@@ -4,6 +4,7 @@ mistake."""
 import math
 from collections.abc import Iterator, Sequence
 
+import msgspec
 import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
@@ -370,7 +371,7 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
             if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
                 yield f"{key_path}: spring {name} has no stroke_m, so its stroke never ends"
     for key_path, condition in waiting:
-        if _is_past(condition, scene.run.end_time) and f"{key_path}.time" not in varied:
+        if _is_past(condition, key_path, varied, scene.run.end_time):
             yield f"{key_path}: comes after the end of the run, {scene.run.end_time:g} s"
     last = scene.phase[-1].joints
     released = {name for name in scene.joint if last.get(name, "free") == "free"}
@@ -392,13 +393,24 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
             yield f"output.loads: {joint} is free in all phases, so it carries no load"
 
 
-def _is_past(until: Condition, end: float) -> bool:
-    """True if a condition can only be met by its ``time``, and that is after ``end``, s."""
+def _is_past(until: Condition, key_path: str, varied: set[str], end: float) -> bool:
+    """True if a condition, at ``key_path``, can only be met by times, and these are after ``end``,
+    s. A time that is dispersed (its path is in ``varied``) may come earlier."""
+    if msgspec.structs.replace(until, time=None, any=(), all=()) != Condition():
+        return False
+    alternatives = []
+    if until.time is not None:
+        alternatives.append(until.time > end and f"{key_path}.time" not in varied)
+    alternatives += [
+        _is_past(part, f"{key_path}.any.{number}", varied, end)
+        for number, part in enumerate(until.any)
+    ]
     if until.all:
-        return any(_is_past(part, end) for part in until.all)
-    if until.any:
-        return all(_is_past(part, end) for part in until.any)
-    return until == Condition(time=until.time) and until.time is not None and until.time > end
+        parts = enumerate(until.all)
+        alternatives.append(
+            any(_is_past(part, f"{key_path}.all.{number}", varied, end) for number, part in parts)
+        )
+    return all(alternatives)
 
 
 def _springs_of(until: Condition) -> Iterator[str]:

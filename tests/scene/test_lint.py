@@ -137,6 +137,33 @@ def test_a_sounding_that_ends_below_the_flight(heights, speeds, message):
     assert message is None or re.search(message, notes[0])
 
 
+EARLY, PAST, MOVED = {"time_s": 0.01}, {"time_s": 9e9}, {"joint": "clamp", "stroke_mm": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("when", "dispersed", "is_past"),
+    [
+        (PAST, "time_s", False),
+        ({"any": [PAST, PAST]}, None, True),
+        ({"any": [PAST, PAST]}, "any.1.time_s", False),
+        ({"all": [EARLY, PAST]}, None, True),
+        ({"all": [EARLY, PAST]}, "all.1.time_s", False),
+        ({"all": [EARLY, PAST]}, "all.0.time_s", True),
+        ({"all": [EARLY, PAST]} | MOVED, None, False),
+        ({"all": [EARLY, PAST], "any": [EARLY]}, None, False),
+        ({"any": [PAST]} | EARLY, None, False),
+        ({"any": [PAST]} | PAST, None, True),
+    ],
+)
+def test_a_condition_is_past_if_each_way_to_meet_it_is(when, dispersed, is_past):
+    """All keys of the condition count, and a nested time may be dispersed to an earlier one."""
+    settings = {"event": [{"name": "late", "when": when}]}
+    if dispersed is not None:
+        settings[f"dispersion.event.late.when.{dispersed}"] = {"uniform": [0.0, 9e9]}
+    notes = file_notes(loaded("spring-pushers", settings))
+    assert any("event.late.when: comes after the end" in note for note in notes) is is_past, notes
+
+
 def test_there_are_thirty():
     assert sum(place is not None for _, _, place, _ in PLANTED) >= 30 - 2  # and two below
 
