@@ -71,6 +71,17 @@ def test_what_is_counted_is_mended(wholes, tmp_path, lost):
     assert is_repaired(folder, contents(whole))
 
 
+def test_selected_rows_are_not_named_as_consecutive_cases(wholes, tmp_path):
+    """Of 14 cases 0, 5 and 10 are selected: they are no cases 0 to 2."""
+    folder = shutil.copytree(wholes[1], tmp_path / "run")
+    (entry,) = shards.entries(folder, folders.SELECTED)
+    (folder / entry.file).unlink()
+    texts = [one.text for one in manifests.diagnose(folder)]
+    assert f"{folder / entry.file}: is gone, with 3 of the cases from 0 on" in texts
+    with pytest.raises(folders.StoreError, match="it contained 3 of the cases from 0 on"):
+        shards.read_shard(folder, entry)
+
+
 def test_titles_are_those_of_before(whole, folder):
     """What was set stands in the parts too: without a manifest, a figure is drawn as it was."""
     (folder / folders.MANIFEST).unlink()

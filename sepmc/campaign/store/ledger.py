@@ -65,7 +65,10 @@ class Entry(msgspec.Struct, frozen=True):
 
     @property
     def cases_text(self) -> str:
-        """Range of cases in words, such as "cases 0 to 99", for a shard of consecutive cases."""
+        """Cases of a shard in words: "cases 0 to 99", or "3 of the cases from 20 on" if it has
+        selected rows, whose case numbers have gaps."""
+        if self.file.startswith(f"{untrusted.SELECTED}/"):
+            return f"{self.cases} of the cases from {self.first} on"
         return f"cases {self.first} to {self.first + self.cases - 1}"
 
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
 # data folders of a run folder
-KINDS = ("cases", "histories", "selected", "accumulators")
+SELECTED = "selected"
+KINDS = ("cases", "histories", SELECTED, "accumulators")
 _FILE_NAME = re.compile(rf"(({'|'.join(KINDS)})/)?[A-Za-z0-9][A-Za-z0-9_.+-]{{0,250}}")
 _COLUMN_NAME = re.compile(r"[A-Za-z0-9_]{1,250}")
 _TEXT_COLUMNS = ("status", "phase", "kept_as")
