@@ -14,6 +14,7 @@ from sepmc.formats.ccsds_messages import Segment, parse_message, seconds_of
 from sepmc.formats.text_table import FormatError, read_text
 from sepmc.scene.brought_inertia import axes_matrix
 from sepmc.scene.messages import Problems, shorten
+from sepmc.scene.units import is_number
 
 # WGS 84: equatorial radius, m, flattening, and rate of the Earth, rad/s
 _RADIUS, _FLATTENING, _EARTH_RATE = 6378137.0, 1.0 / 298.257223563, 7.292115e-5
@@ -79,7 +80,7 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
                 "the velocity is vertical: give azimuth_deg, the compass direction of ground x"
             )
         azimuth = math.degrees(math.atan2(level @ east, level @ north)) % 360.0
-    elif isinstance(azimuth, bool) or not isinstance(azimuth, int | float):
+    elif not is_number(azimuth):
         raise FormatError(f"the key azimuth_deg = {shorten(azimuth)}: must be a number")
     forward = math.sin(math.radians(azimuth)) * east + math.cos(math.radians(azimuth)) * north
     ground = np.array([forward, up, np.cross(forward, up)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from sepmc.formats.text_table import FormatError, TextTable
 from sepmc.scene.messages import nearest, shorten
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, is_number, split_unit
 
 # spellings of units by those of keys; temperatures in degrees have an offset
 _SPELLINGS = {
@@ -122,7 +122,7 @@ class Columns:
             quantity, unit = split_unit(key)
             entry = value if isinstance(value, dict) else {"column": value}
             title, scale = entry.get("column"), entry.get("scale", 1.0)
-            if not isinstance(title, str) or not isinstance(scale, int | float):
+            if not isinstance(title, str) or not is_number(scale):
                 raise FormatError(
                     f"columns.{key}: must be the title of a column, or "
                     "{ column = TITLE, scale = NUMBER }"

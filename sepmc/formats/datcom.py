@@ -27,7 +27,7 @@ from sepmc.formats.datcom_pages import (
 )
 from sepmc.formats.text_table import FormatError, number, read_text
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, is_number, split_unit
 
 _SIDESLIP = 30.0  # deg, to which slopes by beta are continued
 
@@ -180,7 +180,7 @@ def _moment_point(text: str, output: Output, aero: dict[str, Any]) -> list[str]:
         centre = float(digits) * _METRES.get(unit.upper(), _metres_per_unit(text))
     except ValueError:
         return []
-    if not isinstance(own, int | float) or factor is None:
+    if not is_number(own) or factor is None:
         return []
     if abs(centre - own * factor) <= _OTHER_POINT:
         return []
@@ -213,7 +213,7 @@ def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
         key = next((key for key in aero if split_unit(key)[0] == stem), None)
         unit = UNITS[kind].get(split_unit(key)[1]) if key else None
         value = aero.get(key or "")
-        if name not in references or unit is None or not isinstance(value, int | float):
+        if name not in references or unit is None or not is_number(value):
             continue
         own, rounding = references[name].value, references[name].rounding
         if abs(value * unit - own) > _OTHER * own + rounding:
@@ -261,7 +261,7 @@ def _chosen(text: str, options: dict[str, Any]) -> tuple[Output, float]:
     case = choose_case(parse_cases(text), options.get("case"))
     output = choose_output(case, options.get("configuration"))
     sideslip = options.get("sideslip_deg", _SIDESLIP)
-    if not (isinstance(sideslip, int | float) and 0.0 < sideslip < 90.0):
+    if not (is_number(sideslip) and 0.0 < sideslip < 90.0):
         raise FormatError("sideslip_deg must be an angle above 0, below 90")
     return output, float(sideslip)
 

@@ -21,7 +21,7 @@ from sepmc.formats.text_table import FormatError, TextTable, read_text
 from sepmc.formats.xml_tree import Element, parse_xml
 from sepmc.scene.messages import nearest, shorten
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
-from sepmc.scene.units import split_unit
+from sepmc.scene.units import is_number, split_unit
 
 _CELLS = 100_000  # of a table
 _UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
@@ -143,11 +143,7 @@ def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, 
     for key, value in (columns or {}).items():
         entry = value if isinstance(value, dict) else {"column": value}
         name, scale = entry.get("column"), entry.get("scale", 1.0)
-        if (
-            not isinstance(name, str)
-            or isinstance(scale, bool)
-            or not isinstance(scale, int | float)
-        ):
+        if not isinstance(name, str) or not is_number(scale):
             raise FormatError(
                 f"columns.{key}: must be a variable, or {{ column = NAME, scale = 1.0 }}"
             )

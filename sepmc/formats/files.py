@@ -12,7 +12,7 @@ from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError
 from sepmc.formats.thrust import read_thrust
 from sepmc.scene.messages import Problems, shorten
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, is_number, split_unit
 
 _ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".parquet")
 _ENDINGS_OF = {
@@ -216,8 +216,7 @@ def _thrust(
     if wanted is not None:
         value, unit = profile.pop(wanted), wanted.removeprefix(_IMPULSE)
         size = UNITS["force"].get(unit.removesuffix("_s"))
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if size is None or not unit.endswith("_s") or not is_number or not value > 0.0:
+        if size is None or not unit.endswith("_s") or not (is_number(value) and value > 0.0):
             problems.add(f"{key_path}.{wanted}", "must be an impulse > 0, total_impulse_N_s", value)
             return understood
         if curve.is_fraction or not curve.impulse > 0.0:
@@ -245,7 +244,7 @@ def _thrust(
             understood.append(f"thrust_N = {full:.6g}, the peak of the curve")
         else:
             given, unit = motor[thrust_key], split_unit(thrust_key)[1]
-            if isinstance(given, int | float) and given and unit in UNITS["force"]:
+            if is_number(given) and given and unit in UNITS["force"]:
                 full = float(given) * UNITS["force"][unit]
                 understood.append(
                     f"fractions of {thrust_key} = {given:g}: the curve keeps its newtons"

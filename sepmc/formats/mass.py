@@ -22,7 +22,7 @@ from sepmc.formats.text_table import FormatError, read_text
 from sepmc.formats.xml_tree import Element, parse_xml
 from sepmc.scene.brought_inertia import axes_matrix
 from sepmc.scene.messages import Problems, nearest, shorten
-from sepmc.scene.units import UNITS
+from sepmc.scene.units import UNITS, is_number
 
 _JSBSIM_AXES = "aft-right-up"
 _ORIGIN = "origin_m"
@@ -123,11 +123,7 @@ def read_mass(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
 
 
 def _origin(value: Any) -> list[float]:
-    if (
-        not isinstance(value, list)
-        or len(value) != 3
-        or not all(isinstance(x, int | float) and not isinstance(x, bool) for x in value)
-    ):
+    if not isinstance(value, list) or len(value) != 3 or not all(map(is_number, value)):
         raise FormatError(f"{_ORIGIN} = {shorten(value)}: must be three numbers, as cg_m")
     return [float(x) for x in value]
 

@@ -170,7 +170,7 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     if engine is None and len(engines) > 1:
         listed = ", ".join(map(str, names[:8]))
         raise FormatError(f'has {len(engines)} engines; choose one by engine = "NAME": {listed}')
-    if isinstance(engine, int) and 0 <= engine < len(engines):
+    if isinstance(engine, int) and not isinstance(engine, bool) and 0 <= engine < len(engines):
         names[engine] = engine  # by its number
     elif names.count(engine) > 1:
         raise FormatError(f"has engine {shorten(engine)} twice; choose by engine = NUMBER, from 0")

@@ -12,7 +12,7 @@ import numpy as np
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES, RATES
 from sepmc.scene.terms import signal_of
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, are_numbers, is_number, split_unit
 
 _PER_DEGREE = 180.0 / math.pi
 # coefficients that change their sign in the mirror image of a flow, by the angle that does
@@ -135,7 +135,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
     order = [key for name in ("mach", "alpha", "beta") for stem, key in axes if stem == name]
     key = next((each for each in order if split_unit(each)[0] == mirror), None)
     rows = table.get(key or "")
-    if not (isinstance(rows, list) and rows and all(isinstance(x, int | float) for x in rows)):
+    if not (isinstance(rows, list) and rows and all(map(is_number, rows))):
         reason = f"needs the axis {mirror}_deg in this table, a list of numbers"
         problems.add(f"{key_path}.mirror", reason, mirror)
         return []
@@ -145,12 +145,12 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
     assert key is not None
     number = order.index(key)
     for name in (*COEFFICIENTS, *DERIVATIVES):
-        if name not in table:
-            continue
+        if name not in table or not are_numbers(table[name]):
+            continue  # the latter is noted by the model
         try:
             grid = np.array(table[name], dtype=float)
             grid = np.moveaxis(grid, number, 0)
-        except (ValueError, TypeError):
+        except ValueError:
             continue  # noted by the model
         if len(grid) != len(rows):
             continue
@@ -217,4 +217,4 @@ def _scaled(value: Any, factor: float) -> Any:
 
 
 def _positive(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0.0
+    return is_number(value) and value > 0.0

@@ -7,7 +7,7 @@ from typing import Any
 from sepmc.physics.atmosphere import sound_speed, us1976
 from sepmc.physics.us1976_table import M0, R0, R_STAR, TOP
 from sepmc.scene.messages import Problems
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, is_number, split_unit
 
 _GAS = R_STAR / M0  # J/(kg K)
 _ABOVE = 500.0  # m, between rows that are added from the standard
@@ -180,7 +180,7 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
         reason = "belongs to from_deg, which is missing: give from_deg, or leave azimuth_deg out"
         problems.add(f"{key_path}.azimuth_deg", reason, azimuth)
     for where, table in used:
-        if not _is_number(azimuth):
+        if not is_number(azimuth):
             problems.add(
                 f"{where}.from_deg",
                 f"needs {key_path}.azimuth_deg, the compass direction of ground x (downrange)",
@@ -190,12 +190,12 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
             problems.add(f"{where}.from_deg", "stands beside direction_deg: give one of the two")
             continue
         value = table.pop("from_deg")
-        values = [value] if _is_number(value) else _numbers(value)
+        values = [value] if is_number(value) else _numbers(value)
         if values is None:
             problems.add(f"{where}.from_deg", "must be a number or a list of numbers", value)
             continue
         turned = [x + 180.0 - azimuth for x in values]
-        table["direction_deg"] = turned[0] if _is_number(value) else turned
+        table["direction_deg"] = turned[0] if is_number(value) else turned
         understood.append(
             f"{where}: from_deg taken as where the wind comes from, by compass; direction_deg = "
             f"from_deg + 180 - {azimuth:g}"
@@ -203,12 +203,8 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     return understood
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _numbers(value: Any) -> list[float] | None:
     """A TOML value as a list of floats; None if it is no list of finite numbers."""
-    if isinstance(value, list) and all(_is_number(x) and math.isfinite(x) for x in value):
+    if isinstance(value, list) and all(map(is_number, value)):
         return [float(x) for x in value]
     return None

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.scene.messages import Problems
-from sepmc.scene.units import UNITS, split_unit
+from sepmc.scene.units import UNITS, are_numbers, split_unit
 
 # unit vectors of named directions in body axes: x forward, y up, z right
 DIRECTIONS = {
@@ -91,10 +91,10 @@ def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
     """Symmetric matrix (3, 3) from the TOML value at ``key_path``; None, after adding a problem, if
     the value is not one."""
     try:
-        tensor = np.array(value, dtype=float)
-    except (ValueError, TypeError):
+        tensor = np.array(value, dtype=float) if are_numbers(value) else np.zeros(0)
+    except ValueError:
         tensor = np.zeros(0)
-    if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+    if tensor.shape != (3, 3):
         problems.add(key_path, "must be three rows of three numbers", value)
         return None
     if np.abs(tensor - tensor.T).max() > _SYMMETRIC * np.abs(tensor).max():
@@ -118,9 +118,11 @@ def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
         if isinstance(value, dict):
             value = [value.get(each, 0.0) for each in names]
         own = split_unit(keys[name])[1] if name in keys else unit
+        if not are_numbers(value):
+            return None
         try:
             values[name] = np.array(value, dtype=float) * (units[own] / units[unit])
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, KeyError):
             return None
         if values[name].shape != (3,):
             return None

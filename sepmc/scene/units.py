@@ -1,6 +1,7 @@
 """Units of parameter names, by kind of quantity, with their factors to SI."""
 
 import math
+from typing import Any, TypeGuard
 
 _DEG = math.pi / 180.0
 _FT, _LB, _LBF = 0.3048, 0.45359237, 4.4482216152605
@@ -70,3 +71,20 @@ def split_unit(key: str) -> tuple[str, str]:
         if key.endswith("_" + suffix):
             return key[: -len(suffix) - 1], suffix
     return key, ""
+
+
+def is_number(value: Any) -> TypeGuard[int | float]:
+    """True if a TOML value is a finite number; booleans are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def are_numbers(value: Any) -> bool:
+    """True if a TOML value is a list, nested or not, of finite numbers."""
+    stack = [value]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, list):
+            stack += item
+        elif not is_number(item):
+            return False
+    return isinstance(value, list)

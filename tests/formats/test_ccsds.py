@@ -212,6 +212,13 @@ def test_faults_are_named_with_their_line(tmp_path, change, reason):
         read_initial(path, {})
 
 
+@pytest.mark.parametrize("azimuth", [True, math.nan, math.inf, "90"])
+def test_an_azimuth_that_is_no_finite_number_is_refused(tmp_path, azimuth):
+    path = oem(tmp_path, (10.0, 7000.0, 0.0, 0.0, 0.0, 7.5, 0.0))
+    with pytest.raises(FormatError, match=r"the key azimuth_deg = .*: must be a number"):
+        read_initial(path, {"azimuth_deg": azimuth})
+
+
 def test_vertical_velocity_needs_an_azimuth(tmp_path):
     path = oem(tmp_path, (10.0, 6500.0, 0.0, 0.0, 1.0, 0.0, 0.0), frame="ITRF2014")
     with pytest.raises(FormatError, match="the velocity is vertical: give azimuth_deg"):

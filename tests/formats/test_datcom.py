@@ -219,6 +219,12 @@ def test_outputs_that_are_refused(text, reason):
         parse_datcom(text, {})
 
 
+@pytest.mark.parametrize("sideslip", [True, math.nan, math.inf, "30", 0.0, 90.0])
+def test_a_sideslip_that_is_no_angle_is_refused(sideslip):
+    with pytest.raises(FormatError, match="sideslip_deg must be an angle above 0, below 90"):
+        parse_datcom(missile(), {"sideslip_deg": sideslip})
+
+
 AERO = """
 [body.aft.aerodynamics]
 reference_area_m2 = 0.0127

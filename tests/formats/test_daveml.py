@@ -1,5 +1,7 @@
 """Aerodynamic tables of DAVE-ML."""
 
+import math
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -195,6 +197,13 @@ def test_faults_are_named(tmp_path, change, reason):
                     change[0] == "<DAVEfunc" else "</DAVEfunc>"))  # fmt: skip
     with pytest.raises(FormatError, match=reason):
         read_daveml(path, {})
+
+
+@pytest.mark.parametrize("scale", [True, math.nan, math.inf, "2"])
+def test_a_scale_that_is_no_finite_number_is_refused(tmp_path, scale):
+    table = points("cm", "Cm", "al", "-5 5", "0.1 -0.1")
+    with pytest.raises(FormatError, match=r"columns.pitch: must be a variable, or"):
+        read(tmp_path, table, columns={"pitch": {"column": "cm", "scale": scale}})
 
 
 def test_an_unknown_coefficient_is_refused(tmp_path):

@@ -168,11 +168,27 @@ def test_columns_that_are_named(tmp_path):
     assert (motor.profile.time, motor.thrust) == ((0.0, 2.0), 4.0)
 
 
+@pytest.mark.parametrize("scale", ["true", "nan", "inf", "'2'"])
+def test_a_scale_that_is_no_finite_number_is_refused(tmp_path, scale):
+    columns = f'"FILE", columns = {{ thrust_N = {{ column = "ch2", scale = {scale} }} }}'
+    text = problem(tmp_path, MOTOR.replace('"FILE"', columns), "c.csv", "time_s,ch2\n0,1\n1,2\n")
+    assert "columns.thrust_N: must be the title of a column, or" in text
+
+
+def test_an_impulse_that_is_infinite_is_refused(tmp_path):
+    more = MOTOR.replace('"FILE"', '"FILE", total_impulse_N_s = inf')
+    assert "total_impulse_N_s = inf: must be an impulse > 0" in problem(
+        tmp_path, more, "c6.eng", CURVE
+    )
+
+
 def test_one_of_several_engines(tmp_path):
     two = CURVE + CURVE.replace("C6 18", "C7 18").replace("14.0", "28.0")
     assert 'choose one by engine = "NAME": C6, C7' in problem(tmp_path, MOTOR, "c.eng", two)
     more = MOTOR.replace('"FILE"', '"FILE", engine = "C7"')
     assert campaign(tmp_path, more, "c.eng", two).scene.motor[0].thrust == 28.0
+    more = MOTOR.replace('"FILE"', '"FILE", engine = true')
+    assert "has no engine true" in problem(tmp_path, more, "c.eng", two)
 
 
 BAD_CURVES = {

@@ -1,5 +1,7 @@
 """Mass properties from URDF, MJCF and JSBSim: each of the same body, made of points."""
 
+import math
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -203,6 +205,11 @@ def test_origin_of_the_file_is_a_station(tmp_path):
         ("{urdf}", {"axes": "up-up-up"}, "must name the directions of x, y and z"),
         ("{urdf}", {}, "must name the directions of x, y and z"),
         ("{urdf}", {"axes": "forward-left-up", "origin_m": 3}, "must be three numbers, as cg_m"),
+        (
+            "{urdf}",
+            {"axes": "forward-left-up", "origin_m": [math.nan, 0.0, 0.0]},
+            "must be three numbers, as cg_m",
+        ),
         ("{xacro}", {"axes": "forward-left-up"}, "line 2: value = .* expand it by xacro first"),
     ],
 )

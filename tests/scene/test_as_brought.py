@@ -90,6 +90,18 @@ def test_units_of_inertia(pair):
         ({"inertia_axes": "forward-down"}, 'such as "forward-right-down"'),
         ({"inertia_axes": "forward-aft-up"}, 'such as "forward-right-down"'),
         ({"inertia_axes": 3}, 'such as "forward-right-down"'),
+        (
+            {"inertia_tensor_kg_m2": [[True, 0, 0], [0, 1, 0], [0, 0, 1]]},
+            "must be three rows of three numbers",
+        ),
+        (
+            {"inertia_tensor_kg_m2": [["1", 0, 0], [0, 1, 0], [0, 0, 1]]},
+            "must be three rows of three numbers",
+        ),
+        (
+            {"inertia_axes": "forward-right-down", "inertia_kg_m2": [True, 1.0, 1.0]},
+            "needs the inertia that it belongs to",
+        ),
     ],
 )
 def test_inertia_that_cannot_be_read(pair, keys, message):
@@ -237,6 +249,8 @@ def test_mirrored_flows_have_mirrored_loads(pair):
     ("table", "message"),
     [
         (HALF | {"mirror": "beta"}, "needs the axis beta_deg"),
+        (HALF | {"mirror": "alpha", "alpha_deg": [False, True, 10.0]}, "a list of numbers"),
+        (HALF | {"mirror": "alpha", "axial": [[True, True, True]] * 2}, "table.axial"),
         (HALF | {"mirror": "gamma"}, 'must be "alpha" or "beta"'),
         (HALF | {"mirror": "alpha", "alpha_deg": [1.0, 4.0, 10.0]}, "must begin at 0"),
         (
@@ -349,6 +363,14 @@ def test_the_direction_that_a_wind_comes_from(pair):
     [
         ({"speed_m_s": 3.0, "from_deg": 10.0}, "needs environment.wind.azimuth_deg"),
         ({"speed_m_s": 3.0, "azimuth_deg": 10.0}, "belongs to from_deg"),
+        (
+            {"speed_m_s": 3.0, "from_deg": 10.0, "azimuth_deg": math.nan},
+            "needs environment.wind.azimuth_deg",
+        ),
+        (
+            {"speed_m_s": 3.0, "from_deg": math.inf, "azimuth_deg": 10.0},
+            "from_deg = inf: must be a number or a list of numbers",
+        ),
         (
             {"speed_m_s": 3.0, "direction_deg": 1.0, "from_deg": 10.0, "azimuth_deg": 10.0},
             "stands beside direction_deg",
