@@ -22,10 +22,11 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.cli import app
 from sepmc.physics.propulsion import thrust_direction
 from sepmc.report.case_points import MAX_POINTS, case_points
+from sepmc.report.load_arrows import _of_table
 from sepmc.report.nearest import PlacedPart, nearest_on_part, placed_part
 from sepmc.report.page import CaseReplay, ReportContent, write_report
 from sepmc.report.replay_data import replay_data, thrust, thrust_lines
-from sepmc.scene.model import Part, Profile
+from sepmc.scene.model import ForceTable, Part, Profile
 from sepmc.scene.read import parse_campaign
 
 SHAPES = {
@@ -164,6 +165,13 @@ def test_springs_and_loads_accelerate_their_bodies(spring):
     expected = MASSES[1] * rows["fore_axial_acceleration_m_s2"].to_numpy()
     assert np.ptp(expected) > 20.0
     assert_allclose(turn.inv().apply(force)[:, 0], expected, atol=0.1)
+
+
+def test_a_spring_of_locked_bodies_does_not_return():
+    """Round-off of its rate, of either sign, is no unloading, as in the kernel."""
+    table = ForceTable(extension=(0.0, 1.0), force=(100.0, 0.0), return_factor=0.5)
+    rates = np.array([1e-13, 0.0, -1e-13, -1e-11, -1e-10, -1.0])
+    assert_allclose(_of_table(table, np.zeros(6), rates), [100.0] * 4 + [50.0] * 2)
 
 
 def test_thrust_over_a_profile(campaign, history):
