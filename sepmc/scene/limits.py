@@ -93,10 +93,10 @@ def read_limited(path: Path, most: int) -> bytes:
 
 
 def check_keys(text: str) -> str:
-    """Return an error text if a TOML text has a dotted key with more than `KEY_PARTS` dots, which
+    """Return an error text if a TOML text has a dotted key with more than `KEY_PARTS` parts, which
     would make parsing slow; else an empty string."""
     for piece in _BETWEEN_KEYS.split(text):
-        if piece.count(".") > KEY_PARTS and not piece.lstrip().startswith("#"):
+        if piece.count(".") >= KEY_PARTS and not piece.lstrip().startswith("#"):
             return f"{shorten(piece.strip())}: a key must have at most {KEY_PARTS} parts"
     return ""
 

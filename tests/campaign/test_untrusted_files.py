@@ -125,6 +125,9 @@ def test_a_design_that_is_too_large_is_refused():
 def test_keys_of_many_parts_are_refused_before_they_are_read():
     with pytest.raises(SceneError, match="a key must have at most 100 parts"):
         read_text(("a." * 20_000 + "b = 1").encode(), "x.toml")
+    with pytest.raises(SceneError, match="a key must have at most 100 parts"):
+        read_text(("a." * 100 + "b = 1").encode(), "x.toml")
+    assert read_text(("a." * 99 + "b = 1").encode(), "x.toml")
     assert read_text(b"a = '....'\n# " + b"." * 300, "x.toml") == {"a": "...."}
 
 
