@@ -75,7 +75,7 @@ ITEMS = {
     "parameters": 500,
 }
 _WHOLE = 2**63
-_BETWEEN_KEYS = re.compile(r"[={},\[\]\n]")
+_BETWEEN_KEYS = re.compile(r"([={},\[\]\n])")
 
 
 def read_limited(path: Path, most: int) -> bytes:
@@ -94,9 +94,14 @@ def read_limited(path: Path, most: int) -> bytes:
 
 def check_keys(text: str) -> str:
     """Return an error text if a TOML text has a dotted key with more than `KEY_PARTS` parts, which
-    would make parsing slow; else an empty string."""
-    for piece in _BETWEEN_KEYS.split(text):
-        if piece.count(".") >= KEY_PARTS and not piece.lstrip().startswith("#"):
+    would make parsing slow; else an empty string. Values that end their line, such as formulas,
+    may have any number of points."""
+    pieces = ["\n", *_BETWEEN_KEYS.split(text), "\n"]
+    for before, piece, after in zip(pieces[:-1:2], pieces[1::2], pieces[2::2], strict=True):
+        # within its line a mark may be one of a quoted key, such as "=#".a
+        is_comment = piece.lstrip().startswith("#") and "\n" in (before, after)
+        is_value = before == "=" and after == "\n"
+        if not (is_comment or is_value) and piece.count(".") >= KEY_PARTS:
             return f"{shorten(piece.strip())}: a key must have at most {KEY_PARTS} parts"
     return ""
 

@@ -131,6 +131,25 @@ def test_keys_of_many_parts_are_refused_before_they_are_read():
     assert read_text(b"a = '....'\n# " + b"." * 300, "x.toml") == {"a": "...."}
 
 
+def test_values_may_have_many_points():
+    """A polynomial as a formula; what could be a key is refused even in part."""
+    formula = " + ".join(f"0.{k} * time_s" for k in range(200))
+    assert read_text(f'formula = "{formula}"  # 1.0'.encode(), "x.toml") == {"formula": formula}
+    for key in (
+        '"=".X',
+        'X."="',
+        '",".X',
+        'X.","',
+        '"=".X.","',
+        '["="X]',
+        '"=".X."="',
+        '"=#".X',
+        '",#".X',
+    ):
+        with pytest.raises(SceneError, match="a key must have at most 100 parts"):
+            read_text(f"{key.replace('X', '.'.join('a' * 200))} = 1".encode(), "x.toml")
+
+
 def sparse(path, size):
     with open(path, "wb") as file:
         file.truncate(size)
