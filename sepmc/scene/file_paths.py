@@ -60,11 +60,15 @@ def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
         elif isinstance(node, dict):
             for key, value in node.items():
                 key_path = f"{parent}.{key}".lstrip(".")
-                names_file = key == "file" or key_path == "run.samples"
-                if names_file and isinstance(value, str) and value.isprintable():
+                if _names_file(key_path) and isinstance(value, str) and value.isprintable():
                     yield key_path, value
                 else:
                     stack.append((key_path, value))
+
+
+def _names_file(key_path: str) -> bool:
+    """True if the value at a TOML path is the path of a file."""
+    return key_path.rpartition(".")[2] == "file" or key_path == "run.samples"
 
 
 def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -74,7 +78,7 @@ def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
     Parameters
     ----------
     settings : dict
-        Values by TOML path; keys ``file`` in them, at any depth, name files.
+        Values by TOML path; keys ``file`` in them, at any depth, and ``run.samples`` name files.
     folder : Path
         Folder of the campaign file.
 
@@ -84,12 +88,12 @@ def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
         A copy of the settings in which all other values are unchanged.
     """
 
-    def located(key: str, value: Any) -> Any:
+    def located(key_path: str, value: Any) -> Any:
         if isinstance(value, dict):
-            return {name: located(str(name), item) for name, item in value.items()}
+            return {name: located(f"{key_path}.{name}", item) for name, item in value.items()}
         if isinstance(value, list):
-            return [located(key, item) for item in value]
-        if key != "file" or not isinstance(value, str) or not value.isprintable():
+            return [located(key_path, item) for item in value]
+        if not (_names_file(key_path) and isinstance(value, str) and value.isprintable()):
             return value
         try:
             is_here = not (folder / value).exists() and Path(value).is_file()
@@ -97,4 +101,4 @@ def locate(settings: dict[str, Any], folder: Path) -> dict[str, Any]:
             return value
         return str(Path(value).absolute()) if is_here else value
 
-    return {key: located(str(key).rpartition(".")[2], value) for key, value in settings.items()}
+    return {key: located(str(key), value) for key, value in settings.items()}

@@ -429,6 +429,18 @@ def test_dry_run_writes_nothing(file, tmp_path):
         assert command("campaign", file, "--dry-run", *more)[0] == 2
 
 
+@pytest.mark.parametrize("setting", ["run.samples", "run"])
+def test_a_table_set_relative_to_the_working_folder_is_found(file, tmp_path, monkeypatch, setting):
+    """As any other file of a setting, unless one of that name lies beside the campaign."""
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    value = "some.csv" if setting == "run.samples" else {"end_time_s": 0.2, "samples": "some.csv"}
+    assert call("sample", file, "--cases", 3, "--out", "some.csv").exit_code == 0
+    assert sepmc.load(file, {setting: value}).numbers.count == 3
+    assert call("sample", file, "--cases", 4, "--out", tmp_path / "some.csv").exit_code == 0
+    assert sepmc.load(file, {setting: value}).numbers.count == 4
+
+
 @pytest.mark.parametrize(("cases", "measured"), [("5:6", 1), ("5,100:103", 3)])
 def test_a_dry_run_measures_the_longest_range(file, monkeypatch, cases, measured):
     """Also if that, or the first one, is a single case."""
