@@ -66,7 +66,6 @@ def scenarios(
     from sepmc.cli.scenario_results import render_limits, render_scenarios, unmet_verdicts
     from sepmc.scene.messages import InputError
     from sepmc.scene.scenarios import BASELINE
-    from sepmc.wording import exists
 
     if resume and out is None:
         raise click.UsageError("--resume needs --out, the folder to continue in")
@@ -78,13 +77,15 @@ def scenarios(
             "[[scenario]], or leave out --limits or --check"
         )
     folder = out or folders.next_folder(f"{campaign.name}-scenarios")
-    if resume and not (folder / BASELINE).is_dir():
+    has_runs = (folder / BASELINE).is_dir()
+    if resume and not has_runs:
         raise InputError(
             f"{folder}: has no run of the scenarios to resume; to start one, leave out "
             "--resume and give --out a new folder"
         )
     if folder.exists() and not resume:
-        raise InputError(f"{exists(folder)}; --resume runs its missing cases")
+        resuming = "add --resume to run its missing cases, or " if has_runs else ""
+        raise InputError(f"{folder}: exists; {resuming}choose another --out")
     log, runs, text = logger(quiet), None, []
     if campaign.file.scenarios or not with_limits:
         count = campaign.select_cases(cases)[0].count

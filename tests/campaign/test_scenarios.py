@@ -195,6 +195,16 @@ def test_the_command(table2_tree, tmp_path, monkeypatch):
         assert CliRunner().invoke(main, [command, "all/heavy"]).exit_code == 0
 
 
+def test_a_folder_of_something_else_is_not_to_be_resumed(table2_tree, tmp_path, monkeypatch):
+    """Only options that the command has, and that help, are advised."""
+    monkeypatch.chdir(tmp_path)
+    Path("two.toml").write_text(campaign(table2_tree, WEAK).file.toml, encoding="utf-8")
+    Path("mine").mkdir()
+    result = CliRunner().invoke(main, ["scenarios", "two.toml", "--cases", "4", "--out", "mine"])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.endswith("mine: exists; choose another --out\n")
+
+
 @pytest.mark.slow
 def test_an_interrupted_command_is_resumed(table2_tree, tmp_path, monkeypatch):
     """The second scenario was begun and the third not: all end with the rows of a whole run."""
@@ -212,7 +222,7 @@ def test_an_interrupted_command_is_resumed(table2_tree, tmp_path, monkeypatch):
         one, other = (pd.read_parquet(f"{folder}/{name}/cases") for folder in ("whole", "cut"))
         pd.testing.assert_frame_equal(one, other, check_exact=True)
     again = CliRunner().invoke(main, [*words, "cut"])
-    assert "--resume runs its missing cases" in again.output
+    assert "cut: exists; add --resume to run its missing cases, or choose another" in again.output
     nothing = CliRunner().invoke(main, [*words, "none", "--resume"])
     assert "has no run of the scenarios to resume" in nothing.output
     unnamed = CliRunner().invoke(main, [*words[:-1], "--resume"])
