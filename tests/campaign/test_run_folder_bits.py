@@ -120,6 +120,24 @@ def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_pa
     assert any(f"{count} cases, or their histories, are missing" in text for text in texts)
 
 
+@pytest.mark.parametrize(
+    ("stats_only", "message"),
+    [
+        (False, "4 cases, or their histories, are missing or were changed"),
+        (True, "the stored statistics are missing or were changed"),
+    ],
+)
+def test_damage_of_all_that_is_stored_is_announced(campaign, tmp_path, stats_only, message):
+    """Damaged shards are deleted, so they must not be passed over as no stored cases."""
+    campaign.run(cases=4, out=tmp_path, stats_only=stats_only)
+    (path,) = (tmp_path / ("accumulators" if stats_only else "cases")).iterdir()
+    path.write_bytes(path.read_bytes()[:-9])
+    texts = []
+    campaign.run(cases=4, out=tmp_path, resume=True, announce=texts.append)
+    assert message in texts[0]
+    assert "no stored cases to continue from" in texts[1]
+
+
 def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):
     def told(done, left, failures):
         if done >= 25:

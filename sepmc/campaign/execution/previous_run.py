@@ -192,14 +192,19 @@ def _stored_rows(
     """State of the cases of a run whose rows are intact, and the remaining ones of the wanted cases
     (``spec``).
 
-    Damaged shards are removed from the folder; if intact rows remain, ``announce`` is called with a
-    message on that. The state is empty, and all wanted cases remain, if no row is intact or the
+    Damaged shards are removed from the folder, and ``announce`` is called with a message on that.
+    The state is empty, and all wanted cases remain, if no row is intact or the
     folder has no run. Raises StoreError if the rows have other columns, or cases are stored that
     are not wanted.
     """
     if not folders.is_run(folder):
         return PreviousRun(), spec.numbers
     n_dropped = shards.drop_damaged(folder, campaign.has_histories)
+    if n_dropped and announce:
+        announce(
+            f"{folder}: {n_dropped} cases, or their histories, are missing or were changed since "
+            "they were written, so these are run again"
+        )
     numbers, own = shards.stored_cases(folder), [column.name for column in campaign.columns]
     if not len(numbers):
         return PreviousRun(), spec.numbers
@@ -212,11 +217,6 @@ def _stored_rows(
         raise folders.StoreError(
             f"{folder}: contains cases up to {numbers[-1]}; {_cases_option(spec.numbers)} would "
             f"leave some out; give a selection with all of them, or another {option('out')}"
-        )
-    if n_dropped and announce:
-        announce(
-            f"{folder}: {n_dropped} cases, or their histories, are missing or were changed since "
-            "they were written, so these are run again"
         )
     summaries = (read_summary(text, path) for path, text in shards.read_summaries(folder))
     summary = sum(summaries, BatchSummary())
@@ -231,11 +231,16 @@ def _stored_accumulators(
 
     Saved rows of cases that are not in the accumulators are removed. If the accumulators, or a
     saved row, are missing or damaged, the state is empty and all cases remain; ``announce`` is
-    called with a message on saved rows. Raises StoreError if the accumulators have cases that are
-    not wanted, or cannot be read.
+    called with a message on what is damaged. Raises StoreError if the accumulators have cases that
+    are not wanted, or cannot be read.
     """
     entry = shards.accumulator_entry(folder)
     if not entry:
+        if announce and shards.has_accumulators(folder):
+            announce(
+                f"{folder}: the stored statistics are missing or were changed since they were "
+                "written, so all cases are run again"
+            )
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), spec.numbers
     arrays, about = shards.read_accumulators(folder, entry)

@@ -173,6 +173,11 @@ def accumulator_entry(folder: Path) -> ledger.Entry | None:
     return stored[-1] if stored and not find_fault(folder, stored[-1]) else None
 
 
+def has_accumulators(folder: Path) -> bool:
+    """True if the ledger of a run lists accumulators, be they intact or not."""
+    return any(file.startswith(f"{folders.ACCUMULATORS}/") for file in ledger.read(folder))
+
+
 def read_accumulators(
     folder: Path, entry: ledger.Entry
 ) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
