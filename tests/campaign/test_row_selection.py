@@ -177,6 +177,17 @@ def test_a_run_that_counts_is_resumed(often, tmp_path, orders):
     assert more.status_counts == at_once.status_counts
 
 
+def test_a_refused_run_leaves_no_folder(tmp_path, monkeypatch):
+    """Nor the folder of that folder, unless it was there."""
+    monkeypatch.chdir(tmp_path)
+    words = ["campaign", "table2", "--cases", "4", "--keep", "all", "--keep-columns", "no_such"]
+    assert CliRunner().invoke(app.main, words).exit_code == 2
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "runs").mkdir()
+    assert CliRunner().invoke(app.main, words).exit_code == 2
+    assert [path.name for path in tmp_path.rglob("*")] == ["runs"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("damaged", ["accumulators", "selected"])
 def test_what_was_counted_is_damaged(often, tmp_path, damaged):

@@ -165,8 +165,8 @@ def test_next_folder(tmp_path):
 def test_open_folder(tmp_path):
     with folders.opened(tmp_path / "deep" / "run") as folder:
         assert folder.is_dir()
-    assert not folder.exists()  # nothing came of it
-    folder.mkdir()
+    assert not folder.parent.exists()  # nothing came of it
+    folder.mkdir(parents=True)
     (folder / "notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(StoreError, match=r"no manifest\.json, so it is not a run"):
         enter(folder)

@@ -96,7 +96,7 @@ def opened(
 
     The folder is created if needed. Temporary files of killed processes and the lease of earlier
     workers are removed. A folder that is open already in this process is yielded at once. A folder
-    that was created here and is still empty at the end is removed.
+    that was created here and is still empty at the end is removed, with its parents likewise.
 
     Parameters
     ----------
@@ -123,7 +123,8 @@ def opened(
         yield folder
         return
     check_folder(folder, overwrite, resume, resumable)
-    is_new = not folder.exists()
+    local = is_local(folder)
+    created = [path for path in (folder, *folder.parents) if local and not path.exists()]
     make_writable(folder)
     try:
         with _locked_folder(folder):
@@ -135,8 +136,9 @@ def opened(
             yield folder
     finally:
         _open_folders.discard(folder.resolve())
-        if is_new and is_local(folder) and not any(folder.iterdir()):  # nothing was written
-            folder.rmdir()
+        with contextlib.suppress(OSError):  # is not empty
+            for path in created:
+                path.rmdir()
 
 
 def check_folder(
