@@ -19,11 +19,9 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
         ``case``; the estimated ``error``; ``true_error``, the largest of the outcomes, without
         times and positions of extremes; and the ``outcome`` that has it.
     summary : dict of str to float
-        ``cases`` in the table; ``flown_again`` and ``by_another_kernel``, the numbers of cases that
-        were refined and that a fallback kernel integrated; ``largest_error`` (estimated) and
-        ``largest_true_error``; ``true_over_told_1_percent``, ``_median`` and ``_99_percent``,
-        quantiles over the cases of the true over the estimated error, NaN without cases, and
-        ``true_over_told_most``, its maximum.
+        ``cases`` in the table; ``n_refined`` and ``n_fallback``, the numbers of cases that were
+        refined and that a fallback kernel integrated; ``largest_error`` (estimated) and
+        ``largest_true_error``; and the quantiles of `ratio_summary`.
     """
     block, names = study.default.fly(study.inputs), np.array(study.names)
     rows = np.flatnonzero(block.has_outcomes & reference.valid[: len(block.status)])
@@ -44,30 +42,42 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
             "outcome": names[counted][all_errors.argmax(axis=1)],
         }
     )
-    ratio = true / estimated
-    low, median, high = np.quantile(ratio, _QUANTILES) if len(ratio) else (np.nan,) * 3
     return frame, {
         "cases": len(frame),
-        "flown_again": block.refinement.n_refined,
-        "by_another_kernel": block.refinement.n_fallback,
+        "n_refined": block.refinement.n_refined,
+        "n_fallback": block.refinement.n_fallback,
         "largest_error": float(estimated.max(initial=0.0)),
         "largest_true_error": float(true.max(initial=0.0)),
-        "true_over_told_1_percent": float(low),
-        "true_over_told_median": float(median),
-        "true_over_told_99_percent": float(high),
-        "true_over_told_most": float(ratio.max(initial=0.0)),
+        **ratio_summary(true, estimated),
     }
+
+
+def ratio_summary(true: np.ndarray, estimated: np.ndarray) -> dict[str, float]:
+    """Quantiles of the true over the estimated error of n cases: ``true_over_estimated_1_percent``,
+    ``_median`` and ``_99_percent``, NaN without cases, and ``true_over_estimated_max``, at least 0.
+
+    Cases of which both errors are 0 have no ratio and are left out; where only the estimated one is
+    0, the ratio is infinite.
+    """
+    has_error = (true > 0.0) | (estimated > 0.0)
+    with np.errstate(divide="ignore"):
+        ratio = true[has_error] / estimated[has_error]
+    # to the nearest case: nothing is interpolated between infinite ratios
+    quantiles = np.quantile(ratio, _QUANTILES, method="nearest") if len(ratio) else (np.nan,) * 3
+    names = ("1_percent", "median", "99_percent", "max")
+    values = (*quantiles, ratio.max(initial=0.0))
+    return {f"true_over_estimated_{name}": float(x) for name, x in zip(names, values, strict=True)}
 
 
 def sentence(summary: dict[str, float]) -> str:
     """Return the summary of `measure` as a sentence."""
     return (
         "column error: the true error over the estimated one is "
-        f"{summary['true_over_told_median']:.2g} in the median case, "
-        f"{summary['true_over_told_1_percent']:.2g} to "
-        f"{summary['true_over_told_99_percent']:.2g} in 98 % of the cases "
-        f"and at most {summary['true_over_told_most']:.2g}; the largest estimated error is "
+        f"{summary['true_over_estimated_median']:.2g} in the median case, "
+        f"{summary['true_over_estimated_1_percent']:.2g} to "
+        f"{summary['true_over_estimated_99_percent']:.2g} in 98 % of the cases "
+        f"and at most {summary['true_over_estimated_max']:.2g}; the largest estimated error is "
         f"{summary['largest_error']:.1e}, the largest true one "
         f"{summary['largest_true_error']:.1e}; "
-        f"{summary['flown_again']} of {summary['cases']} cases were refined"
+        f"{summary['n_refined']} of {summary['cases']} cases were refined"
     )

@@ -385,12 +385,24 @@ def test_parts_are_written_at_once(tmp_path, monkeypatch):
     assert pd.read_parquet(tmp_path / "b" / "row_errors.parquet")["error"].between(0, 1e-9).all()
 
 
+def test_cases_without_errors_have_no_ratio():
+    """As a case in which nothing acts; and an error that no estimate shows is infinite."""
+    reported = row_errors.ratio_summary(
+        np.array([0.0, 1.0, 2.0, 0.0]), np.array([0.0, 2.0, 2.0, 1])
+    )
+    names = ("1_percent", "median", "99_percent", "max")
+    assert [reported[f"true_over_estimated_{name}"] for name in names] == [0.0, 0.5, 1.0, 1.0]
+    reported = row_errors.ratio_summary(np.ones(3), np.array([0.0, 1.0, 0.0]))
+    assert [reported[f"true_over_estimated_{name}"] for name in names] == [1.0, *[np.inf] * 3]
+
+
 def test_rows_tell_their_errors(study, reference):
     """True errors of all cases lie below three times what their rows tell."""
     frame, reported = row_errors.measure(study, reference)
     assert len(frame) == reported["cases"] == 100
-    assert 0.0 < reported["true_over_told_median"] < reported["true_over_told_most"] < 3.0
+    median, maximum = (reported[f"true_over_estimated_{name}"] for name in ("median", "max"))
+    assert 0.0 < median < maximum < 3.0
     assert reported["largest_true_error"] == frame["true_error"].max()
     assert set(frame["outcome"]) <= set(study.names)
-    assert reported["flown_again"] <= 2
-    assert f"{reported['flown_again']} of 100 cases were refined" in row_errors.sentence(reported)
+    assert reported["n_refined"] <= 2
+    assert f"{reported['n_refined']} of 100 cases were refined" in row_errors.sentence(reported)
