@@ -575,7 +575,7 @@ def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
 def _part(block: Block, first: int, end: int) -> Block:
     """Return cases ``first`` to ``end`` - 1 of a block as a block, whose arrays are views."""
     cases = slice(first, end)
-    fields = ("outcomes", "status", "times", "phases", "history", "rows")
+    fields = ("outcomes", "status", "times", "history", "rows")
     part = replace(block, **{name: getattr(block, name)[cases] for name in fields})
     part.indicators = None if block.indicators is None else block.indicators[cases]
     return part
