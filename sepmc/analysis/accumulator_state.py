@@ -22,9 +22,9 @@ def set_scalars(counter: Any, numbers: np.ndarray) -> None:
 
     Raises
     ------
-    ValueError, OverflowError
-        If there are more or fewer numbers than attributes, or an integer attribute would become NaN
-        or larger than 9e15.
+    ValueError
+        If there are more or fewer numbers than attributes, or an integer attribute would become
+        NaN, or larger than 9e15 in magnitude.
     """
     current = _scalars(counter)
     for (name, value), number in zip(current.items(), numbers.tolist(), strict=True):

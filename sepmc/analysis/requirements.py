@@ -121,7 +121,8 @@ class RequirementCounter:
 
     def restore(self, arrays: Arrays) -> None:
         """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
-        ValueError or OverflowError as `set_scalars`."""
+        ValueError as `set_scalars` or if the worst case is no number, OverflowError if that is
+        infinite, and StopIteration if there are too few arrays."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)

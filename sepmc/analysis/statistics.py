@@ -352,7 +352,7 @@ class AuditSummary:
 
     def restore(self, arrays: Arrays) -> None:
         """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
-        ValueError or OverflowError as `set_scalars`."""
+        ValueError as `set_scalars`, and StopIteration if there is no array left."""
         set_scalars(self, next(arrays))
 
     def merge(self, others: "AuditSummary") -> None:

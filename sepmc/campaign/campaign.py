@@ -246,8 +246,8 @@ class Campaign(Definition):
         Raises
         ------
         InputError, SceneError
-            If a path of ``vary`` names no number of the scene, a range does not rise, or the
-            designs cannot share a kernel.
+            If a path of ``vary`` names no number of the scene, a range does not rise, the designs
+            cannot share a kernel, or ``threads`` is out of range.
         """
         return Session(self, vary, threads, announce)
 
@@ -606,7 +606,7 @@ class Campaign(Definition):
         ------
         StoreError, ValueError
             If ``out`` cannot be used or is missing with ``resume``, there is no such requirement,
-            or no margin measures how far a case is from violating it.
+            no margin measures how far a case is from violating it, or a number is out of range.
         """
         check_threads(threads)
         limit_state(self, check_text("requirement", requirement, "a name"))

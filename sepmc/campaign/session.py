@@ -276,7 +276,8 @@ class Session:
         Raises
         ------
         InputError
-            If a value is missing, unknown or outside the box.
+            If a value is missing, unknown, not finite or outside the box, or ``cases`` or ``seed``
+            is out of range.
         """
         values = self._design(design)
         start = time.perf_counter()
@@ -319,7 +320,8 @@ class Session:
         Raises
         ------
         InputError
-            If a design is outside the box, or an outcome does not exist.
+            If a design is incomplete, not finite or outside the box, an outcome does not exist, or
+            ``cases`` or ``seed`` is out of range.
         """
         table = self._designs(designs)
         cases, seed = self._size(cases, seed)

@@ -40,7 +40,8 @@ class Compiler:
 
     def compile_from(self, names: deque[str], on_done: Callable[[], None]) -> bool:
         """Compile modules in the process until a queue of their names, which several threads share,
-        is empty; call ``on_done`` after each. Returns False if the process ended before."""
+        is empty; call ``on_done`` after each. Returns False if the process ends before, as it does
+        on an error; the module it was compiling is then not put back into the queue."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         while True:

@@ -114,7 +114,8 @@ def parse_xml(text: str) -> Element:
     Raises
     ------
     FormatError
-        If it is not XML, is nested too deeply, or defines entities.
+        If it is not XML, is nested too deeply, has declarations in its DOCTYPE, or uses an entity
+        of an external one.
     """
     parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
@@ -136,7 +137,8 @@ def parse_xml(text: str) -> Element:
 
     def refuse(*_: object) -> None:
         raise FormatError(
-            f"line {parser.CurrentLineNumber}: has entities of its own, which are not expanded"
+            f"line {parser.CurrentLineNumber}: has entities of its own, or other declarations "
+            "in its DOCTYPE, which are not read: write out the entities and remove the DOCTYPE"
         )
 
     def document_type(_: str, __: str | None, ___: str | None, has_declarations: bool) -> None:

@@ -134,7 +134,8 @@ def rotation_rate(a, b, omega_a, omega_b):
 @formula
 def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
     """Row of a rod: e, arm_a, arm_b and gamma in its second derivative C'', which has the form
-    given in `translation`. They are not finite if the length of the rod is zero.
+    given in `translation`. If the length of the rod is zero, they are not finite in a kernel;
+    called directly from Python, the function raises ZeroDivisionError.
 
     Parameters
     ----------

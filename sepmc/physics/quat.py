@@ -11,7 +11,7 @@ from sepmc.physics.elementary import arctan2, sine_cosine
 @formula
 def matrix(q):
     """Attitude matrix (body to ground, 9-tuple by rows) of a quaternion (scalar first). The
-    quaternion may have any length, as within a step its length is not quite 1; the matrix is
+    quaternion may have any length but 0, as within a step its length is not quite 1; the matrix is
     orthogonal for all."""
     w, x, y, z = q
     two = 2.0 / (w * w + x * x + y * y + z * z)
@@ -30,7 +30,8 @@ def matrix(q):
 
 @formula
 def unit(q):
-    """Quaternion of unit length, q / |q|; not finite if q is zero."""
+    """Quaternion of unit length, q / |q|. If q is zero, it is not finite in a kernel; called
+    directly from Python, the function raises ZeroDivisionError."""
     inverse = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse)
 

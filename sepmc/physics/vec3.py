@@ -37,14 +37,15 @@ def cross(a, b):
 
 @formula
 def unit(a):
-    """Unit vector a / |a|; not finite if a is zero."""
+    """Unit vector a / |a|. If a is zero, it is not finite in a kernel; called directly from Python,
+    the function raises ZeroDivisionError."""
     return scale(1.0 / math.sqrt(dot(a, a)), a)
 
 
 @formula
 def perpendicular(a):
     """Some unit vector normal to a: a x e, normalised, where e is the axis along which a has its
-    smallest component; not finite if a is zero."""
+    smallest component. If a is zero, see `unit`."""
     x, y, z = abs(a[0]), abs(a[1]), abs(a[2])
     smallest_axis = (
         (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))
@@ -90,7 +91,8 @@ def add_matrices(a, b):
 
 @formula
 def symmetric_inverse(m):
-    """Inverse of a symmetric matrix by cofactors; not finite if it is singular."""
+    """Inverse of a symmetric matrix by cofactors. If the determinant is 0, it is not finite in a
+    kernel; called directly from Python, the function raises ZeroDivisionError."""
     c00 = m[4] * m[8] - m[5] * m[5]
     c01 = m[2] * m[5] - m[1] * m[8]
     c02 = m[1] * m[5] - m[2] * m[4]

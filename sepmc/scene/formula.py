@@ -153,7 +153,9 @@ def _python_text(text: str) -> str:
         depth += (operator == "(") - (operator == ")")
         run = run + 1 if operator in ("+", "-", "**", "not") else 0
         if depth > MAX_DEPTH or run > MAX_DEPTH:
-            raise FormulaError(f"must have brackets at most {MAX_DEPTH} deep")
+            raise FormulaError(
+                f"must have brackets at most {MAX_DEPTH} deep, and no more signs than that in a row"
+            )
         position = token.end()
         pieces.append(_marked(token["name"]) if token["name"] else token[0].strip())
     return " ".join(pieces)

@@ -94,12 +94,17 @@ class Symbol:
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> "Symbol":
         if method != "__call__" or options or ufunc not in _UFUNCS:
             known = ", ".join(f"np.{one.__name__}" for one in [*_UFUNCS, *_FUNCTIONS])
-            raise TypeError(f"np.{ufunc.__name__} is no function of formulas; those are {known}")
+            raise TypeError(
+                f"np.{ufunc.__name__} is no function of formulas, or not with these arguments; "
+                f"those functions are {known}"
+            )
         return _applied(_UFUNCS[ufunc], *inputs)
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> "Symbol":
         if options or function not in _FUNCTIONS:
-            raise TypeError(f"np.{function.__name__} is no function of formulas")
+            raise TypeError(
+                f"np.{function.__name__} is no function of formulas, or not with these arguments"
+            )
         return _applied(_FUNCTIONS[function], *inputs)
 
     def __add__(self, other: Any) -> "Symbol":

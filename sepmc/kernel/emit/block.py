@@ -212,8 +212,9 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _reset_load_sides(text: Text, segment: Segment) -> None:
-    """Append lines that, at the start of a segment, set the side field of each load condition with
-    a crossing direction to 0: it is not known on which side of its threshold the load is."""
+    """Append lines that, at the start of a segment, set the side field (`load_side`) of load
+    conditions to 0, not known. They do so for conditions that end the phase and have a crossing
+    direction; those of releases and events keep their side from segment to segment."""
     for load in segment.loads:
         if load.direction and not load.any_phase:
             text.lanes()(f"w[{load_side(segment, load)} + l] = 0.0")
