@@ -51,7 +51,8 @@ class QuantileSketch:
         return [self._buffer[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Arrays
+        that do not fit raise ValueError, ArithmeticError, LookupError or StopIteration."""
         buffered = next(arrays)
         self._buffer[: len(buffered)], self._filled = buffered, len(buffered)
         grid_state = next(arrays)

@@ -129,7 +129,8 @@ class _BlockCounters:
         return [*(np.array(one, dtype=float) for one in own), *tallied]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`."""
+        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Arrays
+        that do not fit raise ValueError, ArithmeticError, LookupError or StopIteration."""
         self.by_code[:] = next(arrays)
         for _ in range(int(next(arrays)[0])):
             label, *numbers = next(arrays).astype(np.int64).tolist()

@@ -19,8 +19,8 @@ from sepmc.physics import vec3
 
 @formula
 def across(e, y):
-    """Unit vector that is normal to the unit vector ``e`` and, among those, nearest to ``y``; not
-    finite if y is along e.
+    """Unit vector that is normal to the unit vector ``e`` and, among those, nearest to ``y``. If
+    y is along e, see `vec3.unit`.
 
     With e the x axis of a joint it is the y axis of the joint. Checked against
     `sepmc.scene.kinds.joint_axes`.

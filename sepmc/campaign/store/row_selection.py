@@ -223,7 +223,8 @@ class RowSelection:
         return [array.astype(float) for pair in pairs for array in pair]
 
     def restore(self, arrays: Iterator[np.ndarray]) -> None:
-        """Take the arrays of `state` from an iterator, and set the worst cases to them."""
+        """Take the arrays of `state` from an iterator, and set the worst cases to them. Raises
+        StopIteration if there are too few."""
         for requirement in self._with_worst:
             self.worst[requirement.name] = next(arrays), next(arrays).astype(np.int64)
 
