@@ -67,7 +67,8 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
 
 def _unloading(scene: Scene) -> Iterator[str]:
     """Yield a sentence on each spring whose force table has negative forces and a return factor
-    below 1: such a spring can keep bodies at a standstill."""
+    below 1: such a spring can keep bodies at a standstill. Springs with ``push_only`` and no
+    positive ``force`` are left out."""
     for spring in scene.spring:
         table = spring.table
         if spring.push_only and spring.force <= 0.0:  # no force then, on either way
@@ -116,7 +117,7 @@ def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
 
 def _far_points(scene: Scene) -> Iterator[str]:
     """Yield a sentence on each layout point far outside the box of all others, as if millimetres
-    were given as metres."""
+    were given as metres; none if there are fewer than three points."""
     points = _points(scene)
     if len(points) < 3:
         return
@@ -194,8 +195,8 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
 
 
 def _start(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on initial speed, altitude or dynamic pressure beyond that of any
-    vehicle."""
+    """Yield a sentence on initial speed, altitude or, in the 1976 atmosphere, dynamic pressure
+    beyond that of any vehicle."""
     start = scene.initial
     if start.speed > _FASTEST:
         yield f"initial.speed = {start.speed:.4g} m/s: is the unit right?"

@@ -187,8 +187,9 @@ def _slopes_at_zero(aero: Aerodynamics, coefficient: str, angle: str) -> Array:
 
 
 def _transposed(key_path: str, table: AeroTable) -> Iterator[str]:
-    """Yield a sentence on the first coefficient of a square table that hardly depends on its own
-    angle but on the other axis: its grid is probably transposed."""
+    """Yield a sentence on the first coefficient of a table that hardly depends on its own angle but
+    on the other axis: its grid is probably transposed. Only tables of two axes with equally many
+    points, three or more, are examined."""
     axes = {key: axis for key in ("mach", "alpha", "beta") if (axis := getattr(table, key))}
     shape = [len(axis) for axis in axes.values()]
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 3:
