@@ -39,6 +39,8 @@ def locked(path: Path, flags: int, wait: bool = True) -> Iterator[None]:
     ------
     BlockingIOError
         If another process has the lock and ``wait`` is False.
+    OSError
+        If the file cannot be opened.
     """
     try:
         import fcntl  # noqa: PLC0415  (not on every system)

@@ -102,11 +102,11 @@ OF_FOLDERS = {
     r"again with --overwrite|is no history": "run the case or the campaign again with "
     "`--overwrite`: `sepmc doctor` cannot restore a single case, or statistics without rows that "
     "do not fit",
+    r"cannot be repaired|into another folder": "run it again, into another folder",
     r"cannot be read|PROBLEM|has no column|differ in columns|is not there|"
     r"NAME: NAME|LEDGER_LINES|TEXT: ADVICE": "`sepmc doctor RUN` "
     "lists what is damaged, `--repair` restores it",
     r"is no folder of a run": "give a folder that `sepmc campaign` or `Campaign.run` wrote",
-    r"cannot be repaired": "run it again, into another folder",
     r"hard link|is a link|neither a file nor a folder": "copy the file there: a run folder "
     "contains its own files only",
     r"another version of sepmc": "read it with the version that wrote it (its "

@@ -278,7 +278,8 @@ def violation_masks(
     -------
     violates, known : ndarray, shape (n_cases,), bool
         As `RequirementCounter` counts them: cases that certainly violate, and all but the unknown
-        ones; a case that violates is known.
+        ones, which did not finish or do not have the outcome; a case that violates is known. The
+        numerical error of an outcome is not considered.
     """
     counter, statuses = RequirementCounter(requirement), np.asarray(cases["status"], dtype=object)
     numbers = np.arange(len(statuses))

@@ -83,7 +83,7 @@ class StoppingRule:
 
     @property
     def name(self) -> str:
-        """Statistic and metric in words, as ``mean of separation_speed_m_s``."""
+        """Statistic and metric as text: ``mean of separation_speed_m_s``, ``share of jammed``."""
         return f"{self.statistic} of {self.metric}"
 
     @property

@@ -17,7 +17,7 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     -------
     frame : DataFrame, a row per case
         ``case``; the estimated ``error``; ``true_error``, the largest of the outcomes, without
-        times and positions of extremes; and the ``outcome`` that has it.
+        contact (1 or 0) and the times and positions of extremes; and the ``outcome`` that has it.
     summary : dict of str to float
         ``cases`` in the table; ``n_refined`` and ``n_fallback``, the numbers of cases that were
         refined and that a fallback kernel integrated; ``largest_error`` (estimated) and

@@ -127,9 +127,10 @@ class Study:
         """Return the largest relative error of the outcomes of a block against ``reference`` (n,
         o), and the name of the outcome that has it.
 
-        Only cases count that have status ok in the block and are ``valid`` (n,) in the reference;
-        times and positions of extremes do not count, as they do not converge with the steps.
-        Without such a case the error is infinite and the name empty.
+        Only cases count that have status ok in the block and are ``valid`` (n,) in the reference.
+        Only decisive outcomes count: contact (1 or 0) and the times and positions of extremes are
+        left out, as they do not converge with the steps. Without such a case the error is infinite
+        and the name empty.
         """
         n = min(len(block.status), len(valid))
         return self.error_of(

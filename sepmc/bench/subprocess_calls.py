@@ -12,8 +12,8 @@ _PROGRAM = "from sepmc.bench.subprocess_calls import main; main()"
 
 
 def environment(changes: dict[str, str] | None = None) -> dict[str, str]:
-    """Return the environment variables of this process with ``changes``, and with a PYTHONPATH by
-    which a new process imports from the same folders as this one."""
+    """Return the environment variables of this process, with a PYTHONPATH by which a new process
+    imports from the same folders as this one, and with ``changes``, which overrule both."""
     return {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),

@@ -141,7 +141,11 @@ def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
     """Return the reason why the sampler of ``sampling`` cannot sample its number of cases with
-    ``dimensions`` dispersed parameters, as text that follows ``cases = N:``; empty if it can."""
+    ``dimensions`` dispersed parameters, as text that follows ``cases = N:``; empty if it can.
+
+    The number of cases of a Saltelli design must be a multiple of the size of its groups,
+    ``dimensions`` + 2; a sampler in `SIZE_DEPENDENT` samples all cases at once and has a maximum.
+    """
     size = dimensions + 2
     if sampling.sampler in SIZE_DEPENDENT and sampling.cases * dimensions > DESIGN_NUMBERS:
         max_cases = DESIGN_NUMBERS // dimensions

@@ -131,7 +131,7 @@ class DerivedNumber:
 
 class DesignBox(Definition):
     """Campaign in which the varied parameters are dispersed uniformly over all values that they
-    have in the designs of the box.
+    have in the designs of the box; made by `of`.
 
     Attributes
     ----------

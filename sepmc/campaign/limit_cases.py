@@ -253,7 +253,7 @@ class _LimitSearch:
 
     def worst(self, item: Requirement, with_value: bool = False) -> np.ndarray:
         """Search for the combination of levels that is worst for the requirement ``item``, the one
-        with the lowest score of `judge`; return its levels (d,).
+        with the lowest score of `judge`; return its levels (d,), as `inputs` takes them.
 
         A case without a result is the worst of all, or, if ``with_value``, the best. Not all
         combinations are tried: the search starts from the nominal case, the worst levels of the

@@ -152,8 +152,9 @@ def load_campaign(
     """Read and validate a campaign file, run folder or shipped campaign.
 
     ``settings`` (texts PATH=VALUE), ``sampler`` and the table ``samples`` replace values of the
-    file. Its warnings are printed if ``warn``. Raises SceneError for errors in the file and, if
-    ``verify``, StoreError if the files of a run folder were changed.
+    file. Its warnings are printed if ``warn``. Raises SceneError for errors in the file or in one
+    of these values, and StoreError if a run folder has the format of another version of sepmc,
+    contains links or, only if ``verify``, was changed.
     """
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.settings import parse_setting

@@ -33,7 +33,7 @@ class Estimate:
     size : ndarray, shape (g,)
         Largest value of each indicator in the calibration cases.
     weights : ndarray, shape (o, g)
-        Fitted weights of the indicators, not negative.
+        Fitted weights of the indicators times a safety factor, not negative.
     factor, offset : ndarray, shape (o,)
         Factor on the weighted sum, at least 1, and number added to it instead if that gives less.
     floor : ndarray, shape (o,)
@@ -146,7 +146,7 @@ def estimate(
     direct: np.ndarray,
     is_decisive: np.ndarray,
 ) -> Estimate:
-    """Fit an error estimate to calibration cases.
+    """Fit an error estimate to calibration cases, by the model that `Estimate` describes.
 
     Parameters
     ----------
@@ -164,9 +164,9 @@ def estimate(
     Returns
     -------
     Estimate
-        Weights are fitted by least squares and not negative. A decisive outcome is leading if in
-        some calibration case its estimated error is at least half the largest one of that case;
-        without calibration cases all decisive outcomes are.
+        Weights are fitted by least squares, not negative, and raised by a safety factor. A decisive
+        outcome is leading if in some calibration case its estimated error is at least half the
+        largest one of that case; without calibration cases all decisive outcomes are.
     """
     size = indicators.max(axis=0, initial=0.0)
     size = np.where(size > 0.0, size, 1.0)

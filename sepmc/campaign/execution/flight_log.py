@@ -136,9 +136,15 @@ class FlightLog:
                 raise ValueError("the lengths of its batches do not match its number of values")
         except KeyError as error:
             key = error.args[0].decode()
-            raise StoreError(f"{path}: cannot be read: its metadata lack {key}") from None
+            raise StoreError(
+                f"{path}: cannot be read: its metadata lack {key}, so the estimate cannot be "
+                "resumed: run it again, into another folder"
+            ) from None
         except (TypeError, ValueError) as error:
-            raise StoreError(f"{path}: cannot be read: {error}") from None
+            raise StoreError(
+                f"{path}: cannot be read: {error}, so the estimate cannot be resumed: run it "
+                "again, into another folder"
+            ) from None
         batches, offset = [], 0
         for n in lengths:
             margin, rows = np.split(values[offset : offset + n * (1 + self.width)], [n])

@@ -104,8 +104,8 @@ class Integration:
         Estimated error above which a case is integrated again with smaller steps; infinite if the
         file gives the step.
     error : float
-        Largest relative error of the calibration cases, without times and positions of extremes;
-        NaN if unknown.
+        Largest relative error of the calibration cases, over the decisive outcomes
+        (`sepmc.campaign.execution.accuracy.decisive`); NaN if unknown.
     achieved : AchievedAccuracy or None
         Numerical error of the campaign, from the calibration cases; None if unknown.
     nominal : ndarray, shape (o,)

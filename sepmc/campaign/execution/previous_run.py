@@ -273,5 +273,5 @@ def _cases_option(numbers: CaseSelection) -> str:
 
 def text(numbers: CaseSelection) -> str:
     """Text of a selection of cases as the option ``--cases`` takes it: a number of cases if they
-    are the first ones, else case numbers such as ``25:50,73``."""
+    are the first ones, else case numbers such as ``25:50,73``, that is 25 to 49, and 73."""
     return str(numbers.count if numbers.are_first else numbers)

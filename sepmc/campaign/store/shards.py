@@ -209,9 +209,15 @@ def read_accumulators(
         if min(lengths) < 0 or sum(lengths) != len(values):
             raise ValueError("the lengths of its arrays do not match its number of values")
     except KeyError:
-        raise StoreError(f"{path}: cannot be read: its metadata lack 'lengths'") from None
+        raise StoreError(
+            f"{path}: cannot be read: its metadata lack 'lengths', so the run cannot be continued: "
+            "run it again, into another folder"
+        ) from None
     except (ValueError, msgspec.MsgspecError) as error:
-        raise StoreError(f"{path}: cannot be read: {error}") from None
+        raise StoreError(
+            f"{path}: cannot be read: {error}, so the run cannot be continued: run it again, into "
+            "another folder"
+        ) from None
     return np.split(values, np.cumsum(lengths)[:-1]), about
 
 

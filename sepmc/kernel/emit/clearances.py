@@ -178,7 +178,8 @@ def is_active_at_start(c: Context, i: int) -> bool:
 
 def _position_coefficient(s: State, body: str, q: int) -> Any:
     """Coefficient (vector, m) of power ``q`` of the elapsed fraction of the step just made, in the
-    polynomial of the position of a body's mass centre over that step."""
+    polynomial of the position of a body's mass centre over that step. Positions are those of
+    `State.position`: in the frame that moves with the vehicle, so that the ground moves too."""
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
         return vec3.scale(times, s.velocity(GROUND))

@@ -45,8 +45,9 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
 
 
 def _mean_speed(s: State) -> Any:
-    """Velocity of the common mass centre of all bodies, ground axes, m/s; the object `ZERO` if a
-    joint or spring connects a body to the ground, which absorbs momentum."""
+    """Velocity of the common mass centre of all bodies, ground axes, m/s, in the moving frame of
+    `State.velocity`; the object `ZERO` if a joint or spring connects a body to the ground, which
+    absorbs momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.spec.bodies])

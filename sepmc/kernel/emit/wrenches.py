@@ -92,8 +92,8 @@ def make_wrenches(s: State) -> Motion:
 
 def store_wrenches(s: State, motion: Motion) -> None:
     """Add lines to the scope of a state that store force, N, and moment, N m, on the second body of
-    every monitored joint, in body axes of its first body, into the field WRENCH. ``motion`` is from
-    `make_wrenches`."""
+    every monitored joint (`Context.monitored_joints`), in body axes of its first body, into the
+    field WRENCH. ``motion`` is from `make_wrenches`."""
     with s.c.workspace.optional():
         s.c.workspace.add("WRENCH", s.c.node_size)
     for i, joint in enumerate(s.c.monitored_joints):
