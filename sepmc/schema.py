@@ -285,7 +285,7 @@ _AUDIT = (
         "error",
         "1",
         "estimate of the numerical error: the largest of the errors of its outcomes, relative to "
-        "their size or sigma; times and positions of extremes are left out",
+        "their size or sigma; recontact and times and positions of extremes are left out",
         math.nan,
     ),
 )

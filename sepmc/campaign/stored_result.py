@@ -31,11 +31,12 @@ def open_run(folder: str | Path) -> Result:
     Raises
     ------
     StoreError
-        If the folder is no run folder, has no case rows, or was changed.
+        If the folder is no run folder, has no case rows, has the format of another version of
+        sepmc, contains links, or was changed.
     """
     path = as_path(folder)
     if not folders.is_run(path):
-        raise StoreError(f"{path}: is no folder of a run")
+        raise StoreError(f"{path}: is no folder of a run; give one that a run wrote")
     manifest = manifests.read_manifest(path)
     if not manifests.has_case_rows(manifest):
         raise StoreError(

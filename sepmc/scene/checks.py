@@ -76,8 +76,8 @@ def breaks_triangle(principal: np.ndarray) -> np.ndarray:
 
 
 def inertia_fault(tensor: np.ndarray) -> str | None:
-    """Reason, for a message, why no solid body has the inertia tensor (3, 3), kg m2; None if one
-    can."""
+    """Reason, for a message, why no solid body has the inertia tensor (3, 3), kg m2: it is not
+    positive definite, or breaks the triangle inequality. None if one can have it."""
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] <= 0.0:
         return (

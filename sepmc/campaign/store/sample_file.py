@@ -84,8 +84,8 @@ class _TooLarge(Exception):
 
 
 def _file_fault(path: Path) -> str:
-    """Reason why the file at a path cannot be a sample table, from its name, kind and size; empty
-    if it can."""
+    """Reason why the file at a path cannot be a sample table: it is missing or unreadable, its name
+    has another ending, it is no regular file, or it is too large. Empty if it can."""
     try:
         state = path.stat()
     except FileNotFoundError:

@@ -358,7 +358,7 @@ def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
 
 
 def _climb_rate(s: State, body: str) -> Any:
-    """Vertical speed of a body, m/s."""
+    """Vertical speed of the mass centre of a body relative to the ground, m/s."""
     return s.velocity(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 

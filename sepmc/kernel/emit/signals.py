@@ -402,7 +402,7 @@ class Quantities:
 
     def _speed(self, body: str, k: int) -> Jet:
         """Jet (value and time derivatives) of component ``k`` (0 x, 1 y, 2 z) of the velocity of
-        the mass centre of a body, ground axes, m/s."""
+        the mass centre of a body relative to the ground, ground axes, m/s."""
         value = self.s.velocity(body)[k] + self.s.case.velocity[k]
         return self._jet(value, lambda: self._acceleration(body)[k])
 
