@@ -69,7 +69,8 @@ def design_variables(campaign: Definition, vary: Any) -> tuple[DesignVariable, .
     Raises
     ------
     InputError
-        If a path names no number of the scene, a number is varied twice, or a range does not rise.
+        If ``vary`` is no such dict or is empty, a path names no number of the scene, a number is
+        varied twice, or a range is not finite or does not rise.
     """
     if not isinstance(vary, Mapping) or not vary:
         raise InputError(f"vary = {shorten(vary)}: must be ranges by TOML path, as {_EXAMPLE}")

@@ -31,7 +31,7 @@ _BETWEEN = "\n\n\n"  # two functions of a kernel
 
 
 class Numbers(list[Any]):
-    """List with the numbers of a 1-D array, and the attribute ``shape`` of that array."""
+    """List with copies of the numbers of a 1-D array, and the attribute ``shape`` of that array."""
 
     @property
     def shape(self) -> tuple[int, ...]:

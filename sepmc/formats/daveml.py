@@ -206,7 +206,9 @@ def _title(element: Element) -> str:
 
 def _function(element: Element, root: Element, variables: dict[str, Element]) -> _Function:
     """Convert an element ``function`` to a table, whose grid points are in the element itself or in
-    breakpoint definitions of ``root``. Raises FormatError if it is not complete."""
+    breakpoint definitions of ``root``. ``variables`` is by varID. Raises FormatError if it is not
+    complete, its interpolation is not linear, its points do not rise or it has more than `_CELLS`
+    values."""
     result = next(
         (each.attributes.get("varID", "").strip() for each in element.children
          if each.tag in ("dependentVarRef", "dependentVarPts")), ""

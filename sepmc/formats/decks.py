@@ -106,8 +106,8 @@ def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], li
 def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
     """Columns (n,) of the coefficients and derivatives in a long table, by name; ``lift`` and
     ``drag`` count too. A sentence on the columns that are neither these nor axes is added to
-    ``columns.understood``. Raises FormatError if the meaning of a title is not unique, or an option
-    names an unknown coefficient."""
+    ``columns.understood``. Raises FormatError if the meaning of a title is not unique, two columns
+    give one coefficient, or an option names an unknown one."""
     values: dict[str, np.ndarray] = {}
     used = {title for title, _, _ in columns.named.values()}
     for name, (title, scale, _) in columns.named.items():

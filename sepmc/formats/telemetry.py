@@ -96,7 +96,7 @@ def parse_map(text: str, columns: Sequence[str], option: str = "map") -> MappedC
     Raises
     ------
     InputError
-        If the text has another form, or there is no such column.
+        If the text has another form, there is no such column, or the factor is 0 or not finite.
     """
     column, equal, right = (part.strip() for part in text.partition("="))
     match = _MAP.fullmatch(right)
@@ -269,8 +269,8 @@ def _in_unit_of_column(mapped: MappedChannel, raw: _Raw) -> tuple[np.ndarray, st
 def _channels(path: Path, time: str | None) -> tuple[dict[str, _Raw], list[str]]:
     """Read all channels of a file, by title, and the warnings of the library that reads it (none
     for a table). ``time`` is the name of the channel of the time; None: the one called "time", "t"
-    or the like. Raises FormatError if the file is damaged or has no channels, InputError if the
-    library is not installed."""
+    or the like. Raises FormatError if the file is damaged, has no channels or takes too long to
+    read, InputError if the library is not installed."""
     kind = path.suffix.lower()
     if kind not in (".mat", *_PACKAGES):
         table = read_table(path, most=FILE_BYTES, gaps=True)

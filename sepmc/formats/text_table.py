@@ -158,7 +158,7 @@ def parse_table(
     Raises
     ------
     FormatError
-        If the text is not a table of numbers.
+        If the text is not a table of numbers, or has no header and the caller gives no names.
     """
     comments, lines, before = list[str](), list[tuple[int, str]](), 0
     for number, line in enumerate(text.splitlines(), 1):
@@ -193,7 +193,7 @@ def _first_row(lines: list[tuple[int, str]], gaps: bool, comments: list[str]) ->
     """Find the separator and the index in ``lines`` (line number, text) of the first row of
     numbers. With ``gaps`` a row may have blank cells or, below a header of as many cells, any cells
     of which at least one is a number; that header may be the last of the ``comments``, which stand
-    before the lines. Raises FormatError if there is no row."""
+    before the lines. Raises FormatError if there is no row, or it has a decimal comma."""
     for index, (line_number, line) in enumerate(lines):
         for separator in _SEPARATORS:
             cells = [cell for cell in _cells(line, separator) if cell]

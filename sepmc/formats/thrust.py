@@ -161,7 +161,8 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     Raises
     ------
     FormatError
-        If the text has no valid curve, or an engine must be chosen.
+        If the text has no valid curve, an engine must be chosen, or ``engine`` is that of none or
+        of several.
     """
     engines = _engines(text)
     names: list[Any] = [header[0] for _, header, _ in engines]

@@ -175,7 +175,8 @@ def _applied(function: str, *inputs: Any) -> Symbol:
 
 
 def _node(value: Any) -> Node:
-    """Syntax tree of a symbol or a number. Raises TypeError for anything else."""
+    """Syntax tree of a symbol or a number. Raises TypeError for anything else, and for the symbol
+    of the argument itself, which has no value."""
     if isinstance(value, Symbol):
         if value.node is None:
             raise TypeError("the argument itself is no number: name a quantity, such as q.time_s")

@@ -138,8 +138,9 @@ def _read_named(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table of tables by name, such as [body.NAME], to a dict of structs of a kind by
-    name. Adds problems: a named table with problems is None in the dict, and the dict is empty if
-    ``tree`` is no table."""
+    name. Adds problems: of a table that is not valid, which is None in the dict; of a name that is
+    not valid, which stays in the dict; and of a ``tree`` that is no table, also None, for which the
+    dict is empty."""
     if not isinstance(tree, dict):
         problems.add(key_path, "must be a table of tables", tree)
         return {}
@@ -178,8 +179,8 @@ def read_array(
 
 
 def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
-    """Guess what an unknown key means: name of the field that was probably meant (``key`` itself if
-    none is near), and the message on the key."""
+    """Guess what an unknown key means: name, without unit, of the field that was probably meant
+    (``key`` itself if none is near), and the message on the key. ``fields`` is by such names."""
     if (renamed := _RENAMED.get(key, "")) in fields:
         return renamed, f"unknown key; it is now called {renamed!r}"
     stem, unit = split_unit(key)

@@ -152,8 +152,9 @@ class Studio:
         """Run the cases of a question, at most `MAX_CASES`, with the settings of its sliders, after
         a run in progress has ended. Return, by name, the settings, the numbers of cases run and of
         each status, the seed, notes, whether an audit bound is exceeded in an ok case, verdicts,
-        names of the outcomes from the most important one on, the seconds that the answer took and,
-        for the outcomes to draw, histograms with statistics."""
+        names of the outcomes from the most important one on, the seconds that the answer took and
+        histograms with statistics: of the outcomes that the question names or, if the run has none
+        of them, of the `_DRAWN` most important ones."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)

@@ -542,9 +542,9 @@ class Function(Writer):
         return all(self._is_cheap(part) for part in ast.walk(node))
 
     def _is_cheap(self, part: ast.AST) -> bool:
-        """Return True if a node of an expression costs next to nothing and reads no array: a name,
-        constant, unary operation, comparison, `and`, `or`, tuple, item of a tuple, or attribute of
-        a Python module."""
+        """Return True if a node of an expression, its operands apart, costs next to nothing and
+        reads no array: a name, constant, unary operation, comparison, `and`, `or`, tuple, item of a
+        tuple at a constant index, or attribute of a Python module."""
         owner = getattr(part, "value", None)
         if isinstance(part, ast.Attribute) and isinstance(owner, ast.Name):
             return isinstance(self.source.names.get(owner.id), ModuleType)

@@ -157,8 +157,8 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
 
 
 class MarginEvaluator:
-    """Limit-state function of an estimate: runs the cases of standard-normal samples, returns their
-    margins, and counts cases, statuses and failures of the audit.
+    """Limit-state function of an estimate: `margins` runs the cases of standard-normal samples and
+    returns their margins; cases, statuses and failures of the audit are counted.
 
     Parameters
     ----------
