@@ -346,7 +346,8 @@ class Definition:
         Raises
         ------
         InputError
-            If a case is not in the sample table, or not in a sample of this size.
+            If a case is not in the sample table, or not in a sample of this size, if ``seed`` is
+            out of range, or if the sampler cannot have ``total`` cases.
         """
         sampling = self.sampling_of(total)
         first = check_int("first", first, 0, CASES - 1)

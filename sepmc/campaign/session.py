@@ -276,8 +276,8 @@ class Session:
         Raises
         ------
         InputError
-            If a value is missing, unknown, not finite or outside the box, or ``cases`` or ``seed``
-            is out of range.
+            If a value is missing, unknown or outside the box, or ``cases`` or ``seed`` is out of
+            range.
         """
         values = self._design(design)
         start = time.perf_counter()
@@ -320,8 +320,8 @@ class Session:
         Raises
         ------
         InputError
-            If a design is incomplete, not finite or outside the box, an outcome does not exist, or
-            ``cases`` or ``seed`` is out of range.
+            If a design is incomplete or outside the box, ``cases`` or ``seed`` is out of range, or
+            there is no such column.
         """
         table = self._designs(designs)
         cases, seed = self._size(cases, seed)

@@ -108,7 +108,8 @@ def parse_message(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 def _parse_text(text: str, kind: str) -> tuple[str, list[Segment]]:
     """Parse a message in keyword = value notation to its version and segments, also those without
-    rows; ``kind`` is "OEM" or "AEM". Raises FormatError."""
+    rows; ``kind`` is "OEM" or "AEM". Raises FormatError if it does not begin with the version of
+    this kind, or a row is not valid."""
     version, segments = "", list[Segment]()
     where = "header"
     for n, raw in enumerate(text.splitlines(), 1):
@@ -142,7 +143,8 @@ def _parse_text(text: str, kind: str) -> tuple[str, list[Segment]]:
 
 def _parse_xml(text: str, kind: str) -> tuple[str, list[Segment]]:
     """Parse a message in XML, which may be the only one of its ``kind`` ("OEM" or "AEM") in an
-    ``ndm``, to its version and segments, also those without rows. Raises FormatError."""
+    ``ndm``, to its version and segments, also those without rows. Raises FormatError if it is not
+    XML, there is not exactly one, it has no version, or a state is not valid."""
     root, tag = parse_xml(text), kind.lower()
     messages = [root] if root.tag == tag else [x for x in root.children if x.tag == tag]
     if len(messages) != 1:

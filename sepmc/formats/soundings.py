@@ -145,7 +145,8 @@ def _columns(
 ) -> tuple[Columns, list[str]]:
     """Read the columns of a file; return them, and sentences on its format. ``options`` as for
     `read_air`. Of a sounding only the columns ``needed`` (such as "HGHT") are read, and only the
-    rows that have all of them. Raises FormatError."""
+    rows that have all of them. Raises FormatError if the file is no table or has several
+    soundings, or for columns of a sounding that the options name."""
     named = options.get("columns")
     if path.suffix.lower() != ".parquet":
         text = text_of(path)

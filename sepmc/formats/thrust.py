@@ -72,7 +72,8 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     Raises
     ------
     FormatError
-        If the file cannot be read, or has no valid curve, or an engine must be chosen.
+        If the file cannot be read or has no valid curve, an engine must be chosen, or the option
+        ``engine`` is that of none or of several.
     """
     if path.suffix.lower() == ".eng":
         return parse_eng(read_text(path), options.get("engine"))

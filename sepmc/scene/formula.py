@@ -239,8 +239,8 @@ def _path(tree: ast.expr) -> str:
 
 def _function(name: str, arguments: tuple[Node, ...]) -> Node:
     """Node of the function ``name`` applied to arguments. ``clip``, and ``min`` and ``max`` of more
-    than two arguments, become nested calls. Raises FormulaError for an unknown function, or a wrong
-    number or type of arguments."""
+    than two arguments, become nested calls. Raises FormulaError for an unknown function, a wrong
+    number or type of arguments, or a value that is undefined."""
     if name not in FUNCTIONS:
         raise FormulaError(f"has {name}(...): functions are {', '.join(FUNCTIONS)}")
     count = FUNCTIONS[name]

@@ -67,7 +67,7 @@ class FlightLog:
         Raises
         ------
         StoreError
-            If the next logged batch has other inputs.
+            If the next logged batch has other inputs, or its shard is damaged.
         """
         if not self._batches and self._shards:
             shard = self._shards.pop(0)

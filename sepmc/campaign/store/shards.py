@@ -556,7 +556,7 @@ def read_cases(
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
     """Read the row of the case with this ``number`` in a run: values by column. Raises StoreError
-    if the case is not stored."""
+    if the case is not stored, or its shard is damaged."""
     for part in entries(folder, folders.CASES):
         if part.first <= number < part.first + part.cases:
             frame = _read_entry(folder, part).to_pandas(ignore_metadata=True)
