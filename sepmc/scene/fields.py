@@ -43,6 +43,7 @@ class Field:
     Attributes
     ----------
     name : str
+        Of the field in the struct, without a unit.
     type : type
         As annotated, with constraints: msgspec checks values against it.
     bare : type
@@ -131,8 +132,8 @@ class Field:
 
 @functools.cache
 def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
-    """Fields of a struct of the model by name, in the order of declaration, without those that no
-    key sets (`Derived`)."""
+    """Fields of a struct of the model by name (without unit), in the order of declaration,
+    except those that no key sets (`Derived`)."""
     hints = get_type_hints(kind, include_extras=True)
     result = {}
     for info in msgspec.structs.fields(kind):
