@@ -38,6 +38,7 @@ class RunOptions:
         `sepmc.campaign.store.row_selection`.
     keep_columns : str, optional
         Columns to store of the rows that ``keep`` selects, as patterns: ``"in_*,separation_*"``.
+        ``case``, ``status`` and ``kept_as`` are always stored.
     float32 : bool
         Store the numbers of the rows that ``keep`` selects in single precision.
     executor : Executor, optional

@@ -83,7 +83,8 @@ if TYPE_CHECKING:
 @click.option(
     "--keep-columns",
     metavar="PATTERN,...",
-    help="Columns to store of the rows that --keep selects: 'in_*,upper_*'.",
+    help="Columns to store of the rows that --keep selects, besides case, status and kept_as: "
+    "'in_*,upper_*'.",
 )
 @click.option(
     "--float32", is_flag=True, help="Store the rows that --keep selects in single precision."

@@ -165,7 +165,8 @@ def accuracy_entries(
     campaign: Definition, integration: Integration, summary: BatchSummary
 ) -> dict[str, Any]:
     """Return the contents of the entry ``accuracy`` of a manifest, by key: methods and steps of an
-    integration, numerical error of the cases in a summary, and counts of refined cases."""
+    integration, numerical error of the run (`accuracy`), number of calibration cases (``cases``),
+    and counts of the cases in the summary that were integrated again or by a fallback kernel."""
     solver, achieved = campaign.scene.solver, accuracy(integration, summary)
     entries: dict[str, Any] = {
         "formulation": solver.formulation,

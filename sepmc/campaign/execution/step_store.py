@@ -1,7 +1,7 @@
 """Store of selected integration steps, in memory and in the cache folder.
 
-Steps follow from the scene, its dispersions, the kernel and the code, not from the seed or the
-number of cases: they are selected once.
+Steps follow from the scene, its dispersions, the kernel, the code, the number of calibration cases
+and whether histories are stored, not from the seed or the number of cases: they are selected once.
 """
 
 import contextlib

@@ -34,8 +34,8 @@ class KeepRules:
     every : int
         For the rule "every": cases are saved whose number is a multiple of this.
     patterns : tuple of str
-        Patterns with * and ? for the names of the columns to be saved, besides case number, status
-        and reason, which always are; all columns if empty.
+        Patterns with * and ? for the names of the columns to be saved besides ``case``, ``status``
+        and ``kept_as``, which always are; all columns if empty.
     single : bool
         True: numbers are stored in single precision.
     """
