@@ -287,9 +287,9 @@ class Model:
         return self.campaign.scene.run.sampler in sampling.SIZE_DEPENDENT
 
     def _drop_undefined(self, trials: np.ndarray) -> None:
-        """Remove from the channels, with a note, the samples at which none of the cases with inputs
-        ``trials`` (n, d) has a value, such as angles in still air. Raises InputError if fewer than
-        two samples of a channel remain."""
+        """Remove from the channels, with a note, the samples at which none of n cases has a value,
+        such as angles in still air. ``trials`` (n, d) are the inputs of the cases, in the units of
+        the file. Raises InputError if fewer than two samples of a channel remain."""
         histories = self.histories(trials)
         for k, channel in enumerate(self.channels):
             values = histories[:, self.columns.index(channel.column)]

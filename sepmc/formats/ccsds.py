@@ -33,8 +33,8 @@ def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment
     raise FormatError(
-        f"has no rows on both sides of the epoch {text}; rows are from {segments[0].first} to "
-        f"{segments[-1].last}"
+        f"has no segment with rows on both sides of the epoch {text}; rows are from "
+        f"{segments[0].first} to {segments[-1].last}"
     )
 
 

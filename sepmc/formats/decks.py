@@ -45,8 +45,8 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     ----------
     path : Path
     options : dict
-        ``columns``: titles of columns by coefficient or axis, or the list of all titles of a file
-        without a header.
+        ``columns``: by coefficient or axis, the title of a column or ``{ column, scale }``; or the
+        list of all titles of a file without a header.
 
     Returns
     -------
@@ -67,9 +67,8 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
 
 def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """Convert a long table to an aerodynamic table and sentences on it, as `read_deck` returns
-    them; ``named`` has titles of columns by coefficient or axis. Raises FormatError unless
-    there are columns of at least one axis and of at least one coefficient, of clear meaning, and
-    exactly one row for each combination of points."""
+    them; ``named`` is the dict ``columns`` of its options. Raises FormatError unless there are
+    columns of at least one axis and of at least one coefficient."""
     columns = Columns(table, named)
     axes = {}
     for name, quantity in AXES.items():

@@ -49,8 +49,8 @@ def read_air(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list[
     ----------
     path : Path
     options : dict
-        ``columns``: titles of columns by quantity, or the list of all titles of a file without a
-        header.
+        ``columns``: by quantity, the title of a column or ``{ column, scale }``; or the list of all
+        titles of a file without a header.
 
     Returns
     -------
@@ -95,8 +95,8 @@ def read_wind(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     ----------
     path : Path
     options : dict
-        ``columns``: titles of columns by quantity, or the list of all titles of a file without a
-        header.
+        ``columns``: by quantity, the title of a column or ``{ column, scale }``; or the list of all
+        titles of a file without a header.
 
     Returns
     -------
@@ -184,8 +184,9 @@ _TITLES = {
 
 
 def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[TextTable, int]:
-    """Table of the rows of a sounding (values by column, NaN where missing) that have all values
-    ``needed``, and the number of rows that do not. Raises FormatError for fewer than two rows."""
+    """Table of the columns ``needed`` of a sounding, without the rows that lack a value of one of
+    these, and the number of those rows. ``rows`` have values by column, NaN where missing; if they
+    have SPED, it replaces SKNT. Raises FormatError if the table has fewer than two rows."""
     if rows and "SPED" in rows[0]:
         needed = tuple("SPED" if name == "SKNT" else name for name in needed)
     whole = [row for row in rows if all(math.isfinite(row[name]) for name in needed)]

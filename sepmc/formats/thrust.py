@@ -62,8 +62,9 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
         A RASP file ``.eng``, or a table in text or Parquet. Two columns without a header are taken
         as time in s and thrust in N; a comment with another unit is then an error.
     options : dict
-        ``columns``: of a table, titles by quantity, or the list of all titles of one without a
-        header. ``engine``: name or number, from 0, of one of several engines in a ``.eng``.
+        ``columns``: of a table, by quantity the title of a column or ``{ column, scale }``; or the
+        list of all titles of one without a header. ``engine``: name or number, from 0, of one of
+        several engines in a ``.eng``.
 
     Returns
     -------

@@ -16,8 +16,10 @@ _DOTS = 400  # samples up to which each is a dot
 
 def posterior_figure(estimation: Estimation, about: str, path: Path) -> Path:
     """Draw each measured channel over the bands of cases with parameters distributed as before the
-    flight (prior) and as estimated (posterior), and below it its residuals from the posterior mean,
-    in units of its sigma, with their means over blocks of time.
+    flight (prior) and as estimated (posterior), and below it its residuals from the posterior mean.
+
+    Residuals are in units of the channel's sigma. The mean residual of each block of time is drawn
+    in standard deviations of that mean instead (`sepmc.analysis.model_check.TimeBlock.score`).
 
     Parameters
     ----------

@@ -219,7 +219,8 @@ def _halved(tolerance, w, scratch):
 def put_sizes(nodes, stride, w, sizes):
     """Compute the magnitudes of a vector at the nodes and store them from w[sizes] on. Returns the
     largest magnitude, and the number, from 0, of the first node that has it, to round-off.
-    ``nodes`` and ``stride`` are as in `update_between`."""
+    ``nodes`` is the position of the first component at the first node (the other components LANES
+    apart), ``stride`` the distance from one node to the next."""
     largest, node = 0.0, 0
     for i in range(COUNT):
         k = nodes + i * stride
@@ -450,8 +451,9 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
 @routine
 def set_coefficients(nodes, stride, w, scratch):
     """Compute the Chebyshev coefficients of the three components of a vector from their values at
-    the nodes, and store them from w[scratch] on, component by component. ``nodes`` and ``stride``
-    are as in `update_between`."""
+    the nodes, and store them from w[scratch] on, component by component. ``nodes`` is the position
+    of the first component at the first node (the other components LANES apart), ``stride`` the
+    distance from one node to the next."""
     noinline()
     for component in range(3):
         for j in range(COUNT):

@@ -134,7 +134,10 @@ def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> No
     units = {"x": "m", "y": "m", "z": "m"}
     axes = {f"{name}_{units.get(name, 'deg')}": one for name, one in entry.points.items()}
     if not 1 <= len(axes) <= AXES:
-        reason = f"needs one to three of {', '.join(RelativeAxes.__struct_fields__)}"
+        reason = (
+            f"needs one to three of {', '.join(RelativeAxes.__struct_fields__)}, each with its "
+            "unit, such as x_m or pitch_deg"
+        )
         problems.add(f"{key_path}.axes", reason)
         return
     for key, points in axes.items():

@@ -63,7 +63,10 @@ def find(scene: Scene, key: str) -> Parameter:
         elif isinstance(node, msgspec.Struct):
             name, unit, factor, last = _field(node, part)
             if isinstance(node, Signal) and name in node.without_effect:
-                raise UnknownPath(f"{part!r} has no effect on this signal, so it cannot vary")
+                raise UnknownPath(
+                    f"{part!r} has no effect on this signal, so it cannot vary; delay_s needs "
+                    "sample_s; initial needs lag_s, servo, integral or delay_s"
+                )
             node = getattr(node, name)
         else:
             container = node

@@ -299,8 +299,8 @@ def _doubtful_errors(
     """Largest relative error (o,) of cases that are valid at the chosen steps but not at steps of
     half the length, by comparison with their values at steps at which they converge.
 
-    ``outcomes`` (n, o) are those of n > 0 such cases at the chosen steps. The other arguments are
-    as for `refine_steps`: ``integrate`` runs the cases at a fraction of the chosen steps, until the
+    ``outcomes`` (n, o), SI, are those of n > 0 such cases at the chosen steps. The others are as
+    for `refine_steps`: ``integrate`` runs the cases at a fraction of the chosen steps, until the
     decisive outcomes (mask ``is_decisive``) change by at most ``goal``, relative. A case that does
     not converge, or ends with a status other than ok and never-released, has infinite errors.
     """

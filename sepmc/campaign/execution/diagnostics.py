@@ -274,8 +274,8 @@ def _deepest_penetration(
     """Maximum depth, m, that a clearance reports for a rim that penetrates the wall of a shell;
     infinite if there is no shell.
 
-    The outlines are those of case ``row`` of ``inputs`` (n, d), or the nominal ones if that is
-    None.
+    The outlines are those of case ``row`` of ``inputs`` (n, d), in the units of the file, or the
+    nominal ones if ``inputs`` is None.
     """
     scene = campaign.scene
     if inputs is not None:

@@ -499,10 +499,11 @@ def _refine_with_own_durations(
     block: Block,
     number: int,
 ) -> Converged:
-    """Refine the case with index ``number`` in ``block`` and ``draws`` (n, d), whose phases last
-    much longer than typical: measure its own durations, then halve its steps until it converges.
-    Writes its results, with a history of ``history_size`` rows, into ``block``; returns steps and
-    changes of this one case. ``flight`` has the kernel and the typical durations."""
+    """Refine the case with index ``number`` in ``block`` and in the inputs ``draws`` (n, d), SI,
+    whose phases last much longer than typical: measure its own durations, then halve its steps
+    until it converges. Writes its results, with a history of ``history_size`` rows, into ``block``;
+    returns steps and changes of this one case. ``flight`` has the kernel and the typical
+    durations."""
     inputs, fine = draws[number : number + 1], flight.refined(_DURATION_REFINEMENT)
     _, ends = integrate_cases(
         flight.kernel,

@@ -41,7 +41,7 @@ DOUBTFUL = (
 )
 _CHECK_RATIO = 64.0  # the step that checks such a status is this much shorter
 
-# (step, case numbers) to outcomes (n, o) and status (n,)
+# (step, case numbers) to outcomes (n, o), SI, and status (n,)
 Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 

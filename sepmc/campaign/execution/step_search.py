@@ -24,7 +24,8 @@ _MAX_REFERENCE_WORK = _MAX_WORK // 4
 _ROUND_OFF = 2e-12
 VALID, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
-# (steps, methods, inputs (n, d)) to outcomes (n, o) and verdicts (n,): VALID, IN_DOUBT, NO_OUTCOMES
+# (steps, methods, inputs (n, d), SI) to outcomes (n, o), SI, and verdicts (n,): VALID, IN_DOUBT,
+# NO_OUTCOMES
 IntegrateSteps = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 # work of a step besides its evaluations, in evaluations: projection, attitudes
 _STEP_OVERHEAD = 2
@@ -75,8 +76,8 @@ class Search:
     Parameters
     ----------
     evaluate : callable
-        ``evaluate(steps, methods, draws)`` integrates n cases and returns outcomes (n, o) and
-        verdicts (n,): VALID; IN_DOUBT, if other steps may make the case valid; NO_OUTCOMES.
+        ``evaluate(steps, methods, draws)`` integrates n cases and returns outcomes (n, o), SI,
+        and verdicts (n,): VALID; IN_DOUBT, if other steps may make the case valid; NO_OUTCOMES.
     draws : ndarray, shape (n, d)
         Inputs of the cases, SI.
     scale : ndarray, shape (o,)
@@ -130,9 +131,9 @@ class Search:
         self.reference_errors = np.full(len(scale), np.inf)  # by outcome
 
     def evaluate(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate cases with inputs ``draws`` (n, d) at ``steps`` (segments,) by the selected
-        methods; return outcomes (n, o) and verdicts (n,), and add the steps of all cases to
-        ``work``."""
+        """Integrate cases with inputs ``draws`` (n, d), SI, at ``steps`` (segments,) by the
+        selected methods; return outcomes (n, o), SI, and verdicts (n,), and add the steps of all
+        cases to ``work``."""
         self.work += len(draws) * int(steps.sum())
         return self._integrate(steps, self.methods, draws)
 

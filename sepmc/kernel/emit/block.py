@@ -368,9 +368,9 @@ def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None
 
 def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Append the loop over the steps of an interval for a segment in which each lane takes a number
-    of steps of its own: the number chosen for segment ``number`` or, if that is smaller,
-    STEP_FACTOR times the fewest steps that are not longer than MAX_STEP; more if an event comes
-    later than predicted."""
+    of steps of its own: the smaller of the number chosen for segment ``number`` and STEP_FACTOR
+    times the fewest steps that are not longer than MAX_STEP; more if an event comes later than
+    predicted."""
     size, pending = f"{c.spec.active_size(segment)} * LANES", _pending_calls(segment)
     inner = text.lanes()
     inner(f"w[MAX_STEP + l] = max_step[{number}] if max_step[{number}] > 0.0 else {at.GRAIN}")

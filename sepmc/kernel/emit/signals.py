@@ -436,8 +436,8 @@ class Quantities:
         return Jet(value, hinge_rate(self.s, joint), self._hinge_acceleration(joint))
 
     def _hinge_acceleration(self, joint: str) -> Any:
-        """Rate of change of the relative angular rate of a joint's bodies about its x axis,
-        rad/s2, from the derivative K1."""
+        """Time derivative of the angular rate of a joint's second body relative to the first, about
+        the joint's x axis, rad/s2, from the derivative K1."""
         first, second = self.s.spec.scene.joint[joint].bodies
         x, spin = self.s.axis(joint, 0), self.s.spin(first)
         relative = vec3.sub(self.s.spin(second), spin)
