@@ -69,8 +69,8 @@ class TimeBlock:
     residual : float
         Mean of the residuals, in sigma.
     score : float
-        Mean of the residuals in standard deviations of that mean, which a right model gives it; NaN
-        where the fit follows the measurement.
+        Mean of the residuals divided by the standard deviation that this mean has if the model is
+        right; NaN where the fit follows the measurement.
     """
 
     channel: int

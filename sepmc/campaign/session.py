@@ -207,7 +207,8 @@ class Session:
     ----------
     campaign : Campaign
     vary : dict
-        Range (low, high) of each design variable, by TOML path.
+        Range (low, high) of each design variable, by TOML path with its unit, which may have
+        wildcards.
     threads : int, optional
         Default: all cores.
     announce : callable (text), optional

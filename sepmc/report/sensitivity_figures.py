@@ -151,8 +151,8 @@ def attribution_figure(
     suffix: str = ".png",
 ) -> Path:
     """Draw for each failure up to five inputs, or pairs of inputs, that best distinguish its cases
-    from the others: a bar for the fraction of information that each explains, with the range of the
-    inputs where most of the failed cases are.
+    from the others: a bar for the percentage of information that each explains, with the range of
+    the inputs where most of the failed cases are.
 
     Parameters
     ----------
