@@ -305,8 +305,9 @@ def _distinct(names: list[str], table: "pd.DataFrame") -> list[str]:
 
 def _rank(outcome: str, events: tuple[str, ...]) -> float:
     """Return the rank of an outcome by the kind that its name shows; lower is more important.
-    Outcomes of observation events, whose names begin with one of the prefixes ``events``, come just
-    before those of the same kind."""
+    Transverse rates, rates and clearances at observation events, whose names begin with one of the
+    prefixes ``events``, come just before all transverse rates, tip-off rates and separation
+    distances, respectively."""
     if outcome.startswith(events):
         for part, kind in _EVENT_KINDS:
             if part in outcome:
