@@ -168,7 +168,10 @@ def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> Saltel
     group = numbers[order] // size
     whole_groups = np.isin(group, np.unique(group)[np.unique(group, return_counts=True)[1] == size])
     if not whole_groups.any():
-        raise ValueError("no group of the Saltelli design has the rows of all its cases")
+        raise ValueError(
+            "every group of the Saltelli design lacks the rows of some of its cases; complete the "
+            "run, or give all its rows"
+        )
     x = x[:, order][:, whole_groups].reshape(len(x), -1, size)
     y = y[order][whole_groups].reshape(-1, size)
     first, last = x[:, :, 0], x[:, :, -1]

@@ -101,9 +101,12 @@ def _study(
     campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Log
 ) -> Study:
     """Return the study of a campaign: its sampled cases and the steps selected for it, without
-    histories; log its size. If ``cases`` is None, fewer than the default are sampled where the
+    histories; log its size.
+
+    If ``cases`` is None, their number is the default, smaller if ``quick``, or fewer where the
     reference solution would take more than `_MAX_REFERENCE_S` seconds. ``repeats``, ``threads``,
-    ``quick`` and ``say`` become fields of the `Study`."""
+    ``quick`` and ``say`` are as in `Study`.
+    """
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     integration = select_steps(bare, announce=say)
     requested = cases or (QUICK_CASES if quick else CASES)

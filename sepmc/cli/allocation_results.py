@@ -110,8 +110,8 @@ def _passes(row: Mapping[Any, Any]) -> str:
 
 
 def _file_lines(settings: Mapping[str, Any]) -> list[str]:
-    """Return lines for the table [dispersion] of a campaign file. ``settings`` has the
-    distributions by TOML path, ``dispersion.`` and the key of the line."""
+    """Return the lines of the table [dispersion] of a campaign file, without its header: one for
+    each entry of ``settings``, the distributions by ``dispersion.`` and the key of the line."""
     return [
         f'"{key.removeprefix("dispersion.")}" = {inline_toml(value)}'
         for key, value in settings.items()

@@ -149,7 +149,7 @@ def _parse_xml(text: str, kind: str) -> tuple[str, list[Segment]]:
     messages = [root] if root.tag == tag else [x for x in root.children if x.tag == tag]
     if len(messages) != 1:
         many = "no message" if not messages else f"{len(messages)} messages"
-        raise FormatError(f"line {root.line}: <{root.tag}> has {many} <{tag}>; must be one")
+        raise FormatError(f"line {root.line}: <{root.tag}> has {many} <{tag}>; must have one")
     version, segments = messages[0].attributes.get("version", ""), list[Segment]()
     if not version:
         raise FormatError(f"line {messages[0].line}: <{tag}> has no version")

@@ -251,7 +251,7 @@ def _orientation(
         return np.eye(3)
     if len(known) > 1:
         raise FormatError(
-            f"line {inertial.line}: inertial has {known[0]} and {known[1]}: must have one"
+            f"line {inertial.line}: inertial has {known[0]} and {known[1]}: must have only one"
         )
     kind = known[0]
     if include is not None and kind in ("euler", "axisangle"):
@@ -265,7 +265,10 @@ def _orientation(
     axes = [values] if kind in ("quat", "zaxis") else [values[:3]]
     axes += [np.cross(values[:3], values[3:])] if kind == "xyaxes" else []
     if kind != "euler" and any(np.linalg.norm(axis) < 1e-9 for axis in axes):
-        raise FormatError(f"line {inertial.line}: {kind} = {values.tolist()} has no direction")
+        raise FormatError(
+            f"line {inertial.line}: {kind} = {values.tolist()} gives no attitude: it must not be "
+            "zero, nor its axes parallel"
+        )
     if kind == "quat":
         return Rotation.from_quat(np.roll(values, -1)).as_matrix()
     if kind == "euler":

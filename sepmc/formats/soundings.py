@@ -156,7 +156,7 @@ def _columns(
         ):
             count = len(pattern.findall(text))
             if count > 1:
-                raise FormatError(f"has {count} soundings; must be one in a file")
+                raise FormatError(f"has {count} soundings; must have one")
             if match := pattern.search(text):
                 if named is not None:
                     raise FormatError(

@@ -89,7 +89,8 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     if time is None or (fraction is None) == (thrust is None):
         titles = [f'"{title}"' for title in table.columns] or ['"TITLE"']
         raise FormatError(
-            "needs a column of time and one of thrust or fraction, such as time_s and thrust_N; "
+            "needs a column of time and one of either thrust or fraction, not both, such as time_s "
+            "and thrust_N; "
             f"has {', '.join(table.columns)}; name them with their units, such as "
             f"columns = {{ time_s = {titles[0]}, thrust_N = {titles[-1]} }}"
         )

@@ -48,7 +48,8 @@ def resolution(per_inch: int) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> Path:
-    """Create a folder, and those above it, if missing; return its path."""
+    """Create a folder, and those above it, if missing; return its path. Raises OSError if that
+    fails."""
     folder = as_path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -468,7 +468,7 @@ def test_a_row_of_a_sounding_that_is_none_has_its_line(tmp_path):
 def test_several_soundings_in_a_file_are_refused(tmp_path):
     for text in (SPC, WYOMING):
         (tmp_path / "s.txt").write_text(2 * text)
-        with pytest.raises(FormatError, match="has 2 soundings; must be one"):
+        with pytest.raises(FormatError, match="has 2 soundings; must have one"):
             read_air(tmp_path / "s.txt", {})
 
 

@@ -1,5 +1,8 @@
 """Folder of a run: names of its files, checks before it is written, locks and leases of writers,
-atomic writes."""
+atomic writes.
+
+Functions that write or remove files raise OSError if that fails, unless they say otherwise.
+"""
 
 import contextlib
 import json
@@ -297,12 +300,14 @@ def lease_is_valid(folder: Path, lease: str) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 atomically: readers see the old or the new content."""
+    """Write a text file in UTF-8 atomically: readers see the old or the new content. Raises OSError
+    if it cannot be written."""
     ledger.write_atomically(path, text.encode())
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write data as a JSON file atomically; numbers that are not finite become null."""
+    """Write data as a JSON file atomically; numbers that are not finite become null. Raises OSError
+    if it cannot be written."""
     write_text(path, json_text(data))
 
 

@@ -105,7 +105,8 @@ def make_entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Ent
 
 
 def add(folder: Path, *entries: Entry) -> None:
-    """Append entries to the ledger of a folder, which is created if it is missing."""
+    """Append entries to the ledger of an existing folder; a missing ledger is created. Raises
+    OSError if it cannot be written."""
     lines = "".join(entry.line for entry in entries).encode()
     if not is_local(folder):  # objects cannot be appended to
         write_atomically(folder / LEDGER, _content(folder) + lines)
@@ -115,7 +116,8 @@ def add(folder: Path, *entries: Entry) -> None:
 
 
 def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
-    """Replace the ledger of a folder, atomically, by one with these entries alone."""
+    """Replace the ledger of a folder, atomically, by one with these entries alone. Raises OSError
+    if it cannot be written."""
     write_atomically(folder / LEDGER, "".join(entry.line for entry in entries).encode())
 
 

@@ -1,7 +1,8 @@
 """Manifest of a run folder (``manifest.json``): writing it with checksums, checking these, and
 listing the faults of a run folder.
 
-Functions that read the ledger raise StoreError if it cannot be read.
+Functions that read the ledger raise StoreError if it cannot be read; those that write or delete
+files raise OSError if that fails.
 """
 
 import contextlib

@@ -1,5 +1,5 @@
 """Writing and reading of result files in a run folder: statistics, histograms, and the history of a
-single case."""
+single case. Functions that write text or JSON raise OSError if that fails."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -110,7 +110,7 @@ def _csv(path: Path) -> pa.Table:
     Raises
     ------
     _UnreadableError
-        If a number in the first rows has a decimal comma.
+        If a number in the first rows has a decimal comma, and the delimiter is not the comma.
     """
     skipped, header, rows = 0, "", list[tuple[int, str]]()
     with path.open("rb") as file:

@@ -154,7 +154,8 @@ class Workspace:
         count : int
             number of components
         optional : bool
-            True if not every kernel of the scene has the field
+            True if not every kernel of the scene has the field; it is then stored after all fields
+            that are not optional
 
         Returns
         -------
@@ -170,7 +171,8 @@ class Workspace:
 
     @contextlib.contextmanager
     def optional(self) -> Iterator[None]:
-        """Context manager: all fields that are added within it are optional ones."""
+        """Context manager: all fields that are added within it are optional, as by the argument
+        ``optional`` of `add`. It must not be nested."""
         self._optional = True
         try:
             yield

@@ -77,8 +77,11 @@ class _Varied:
         resolved: bool = False,
     ) -> Stress:
         """Line of `sepmc stress` on case ``i`` of a block, with its status and, if that is ok, its
-        audit columns beyond their bounds; other arguments become fields of `Stress`, the ``label``
-        its ``input``."""
+        audit columns beyond their bounds.
+
+        ``label`` names the hard input. With ``resolved`` the line passes only if it is accurate,
+        else also if it is flagged. ``quantity``, ``error`` and ``bound`` are as in `Stress`.
+        """
         status = Status(int(block.status[i])).label
         return Stress(
             label,

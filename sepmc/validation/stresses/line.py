@@ -109,8 +109,11 @@ def judge(
     resolved: bool = False,
 ) -> Stress:
     """Line of `sepmc stress` on the error of a quantity of a nominal run, with the status of the
-    run and its audit columns beyond their bounds; other arguments become fields of `Stress`, the
-    ``label`` its ``input``."""
+    run and its audit columns beyond their bounds.
+
+    ``label`` names the hard input. With ``resolved`` the line passes only if it is accurate, else
+    also if it is flagged. ``quantity``, ``error`` and ``bound`` are as in `Stress`.
+    """
     return Stress(label, quantity, float(error), bound, run.status, beyond(run.outcomes), resolved)
 
 

@@ -156,8 +156,8 @@ def hinged_steps() -> list[Stress]:
 def _judge_angles(
     label: str, error: float, bound: Bound, run: NominalRun, resolved: bool = False
 ) -> Stress:
-    """Line of `sepmc stress` on angles of the history, as `judge` makes it; ``attitude_singular`` =
-    1 counts as a flag too, as the angles may have jumped."""
+    """Line of `sepmc stress` on angles of the history, as `judge` makes it from the same arguments;
+    ``attitude_singular`` = 1 counts as a flag too, as the angles may have jumped."""
     flags = beyond(run.outcomes) + (
         ("attitude_singular",) if run.outcomes["attitude_singular"] == 1.0 else ()
     )
