@@ -120,7 +120,9 @@ def input_sensitivities(
         rows = has_outcome & independent
         varied_inputs, outcomes = x[varied][:, rows], y[rows]
         if not len(outcomes) or outcomes.min() == outcomes.max():
-            raise ValueError(f"{outcome}: does not vary in independent cases of the design")
+            raise ValueError(
+                f"{outcome}: is missing or the same in all independent cases of the design"
+            )
     _by_rank(table, varied_inputs, outcomes)
     # inputs with so few values that cases of a value form a group
     has_few_values = np.array(

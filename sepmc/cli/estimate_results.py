@@ -138,8 +138,8 @@ def render_estimation(estimation: Estimation, folder: Path) -> str:
 
 
 def _parameters(estimation: Estimation) -> list[str]:
-    """Return lines of text: a table of the parameters that the flight informs, the best known
-    first, and the names of the others."""
+    """Return lines of text: a table, with a header, of the parameters that the flight informs, the
+    best known first; their number; and the names of the others."""
     table = estimation.table.sort_values("std_ratio", kind="stable")
     informed = table[table["std_ratio"] <= UNINFORMED]
     head = ("parameter", "unit", "before", "std", "after", "std", "5 %", "95 %", "ratio")

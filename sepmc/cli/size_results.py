@@ -182,8 +182,8 @@ def write_trade_off(result: TradeOff, campaign: Campaign, path: Path) -> Path:
 
 
 def render_verdicts(verdicts: "pd.DataFrame") -> list[str]:
-    """Return the verdicts of a run (`Result.requirements`) as lines of a table, a row for each
-    requirement."""
+    """Return the verdicts of a run (`Result.requirements`) as lines of a table: a header, then a
+    row for each requirement."""
     head = ["requirement", "verdict", "violations", "allowed", "confidence"]
     rows = [
         [

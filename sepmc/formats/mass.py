@@ -285,7 +285,9 @@ def _orientation(
             )
         letters = sequence.upper() if is_moving else sequence.lower()  # scipy: capitals move
         if letters[0] == letters[1] or letters[1] == letters[2]:
-            raise FormatError(f"eulerseq = {shorten(sequence)}: must not turn twice about one axis")
+            raise FormatError(
+                f"eulerseq = {shorten(sequence)}: must not turn about one axis twice in a row"
+            )
         return Rotation.from_euler(letters, values, degrees=is_degree).as_matrix()
     if kind == "axisangle":
         angle = np.radians(values[3]) if is_degree else values[3]

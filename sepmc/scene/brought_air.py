@@ -73,7 +73,10 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
     if not any(given):
         return []
     if not all(given) or "density" in keys:
-        problems.add(key_path, "needs pressure_Pa and temperature_K together, or density_kg_per_m3")
+        problems.add(
+            key_path,
+            "needs pressure_Pa and temperature_K together, or density_kg_per_m3 in place of both",
+        )
         return []
     key = "temperature_degC" if is_celsius else keys["temperature"]
     unit = split_unit(keys["pressure"])[1]
@@ -85,7 +88,7 @@ def _state(key_path: str, air: dict[str, Any], problems: Problems) -> list[str]:
         return []
     temperatures, pressures = _numbers(air[key]), _numbers(air[keys["pressure"]])
     if temperatures is None or pressures is None or len(temperatures) != len(pressures):
-        reason = "must be a list of as many numbers as that of the pressure has"
+        reason = "temperature and pressure must be lists of equally many numbers"
         problems.add(f"{key_path}.{key}", reason)
         return []
     kelvin = [t + _CELSIUS for t in temperatures] if is_celsius else temperatures

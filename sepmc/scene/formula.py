@@ -154,7 +154,8 @@ def _python_text(text: str) -> str:
         run = run + 1 if operator in ("+", "-", "**", "not") else 0
         if depth > MAX_DEPTH or run > MAX_DEPTH:
             raise FormulaError(
-                f"must have brackets at most {MAX_DEPTH} deep, and no more signs than that in a row"
+                f"must have brackets at most {MAX_DEPTH} deep, and at most {MAX_DEPTH} operators "
+                "in a row"
             )
         position = token.end()
         pieces.append(_marked(token["name"]) if token["name"] else token[0].strip())

@@ -95,15 +95,15 @@ class Symbol:
         if method != "__call__" or options or ufunc not in _UFUNCS:
             known = ", ".join(f"np.{one.__name__}" for one in [*_UFUNCS, *_FUNCTIONS])
             raise TypeError(
-                f"np.{ufunc.__name__} is no function of formulas, or not with these arguments; "
-                f"those functions are {known}"
+                f"np.{ufunc.__name__} is no function of formulas, or not with these options; those "
+                f"are {known}"
             )
         return _applied(_UFUNCS[ufunc], *inputs)
 
     def __array_function__(self, function: Any, types: Any, inputs: Any, options: Any) -> "Symbol":
         if options or function not in _FUNCTIONS:
             raise TypeError(
-                f"np.{function.__name__} is no function of formulas, or not with these arguments"
+                f"np.{function.__name__} is no function of formulas, or not with these options"
             )
         return _applied(_FUNCTIONS[function], *inputs)
 

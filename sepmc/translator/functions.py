@@ -296,7 +296,7 @@ class Function(Writer):
             3: lambda: (limits[0], limits[1], limits[2].constant),
         }[len(limits)]()
         if not isinstance(step, int) or step == 0:
-            raise self._fail(line, "the step of a range must be a known whole number")
+            raise self._fail(line, "the step of a range must be a known whole number, not 0")
         test, body, following, after = (self.label() for _ in range(4))
         before = self.block
         index, rest = Number(INT, f"%v{next(self.names)}"), Number(INT, f"%v{next(self.names)}")

@@ -324,7 +324,7 @@ def test_the_standard_above(pair):
         ({"pressure_Pa": [1e5, 1e4]}, "needs pressure_Pa and temperature_K together"),
         (
             {"pressure_Pa": [1e5, 1e4], "temperature_K": [288.0]},
-            "must be a list of as many numbers as that of the pressure has",
+            "temperature and pressure must be lists of equally many numbers",
         ),
         (
             {"pressure_Pa": [1e5, 1e4], "temperature_K": [15.0, -56.0]},

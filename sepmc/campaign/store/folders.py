@@ -1,7 +1,8 @@
 """Folder of a run: names of its files, checks before it is written, locks and leases of writers,
 atomic writes.
 
-Functions that write or remove files raise OSError if that fails, unless they say otherwise.
+Functions that write or remove files raise OSError if that fails, unless they say otherwise; in
+object storage the error can be one of its client.
 """
 
 import contextlib
