@@ -154,7 +154,7 @@ def _python_text(text: str) -> str:
         run = run + 1 if operator in ("+", "-", "**", "not") else 0
         if depth > MAX_DEPTH or run > MAX_DEPTH:
             raise FormulaError(
-                f"must have brackets at most {MAX_DEPTH} deep, and at most {MAX_DEPTH} operators "
+                f"must have brackets at most {MAX_DEPTH} deep, and no more operators than that "
                 "in a row"
             )
         position = token.end()
