@@ -1,6 +1,6 @@
 """Cache folder of compiled code, named by a digest of its sources, the compilers and the processor.
 
-Nothing outside this folder is cached or changed.
+All that is cached is in this folder; only the files of its locks (`cache_lock`) lie beside it.
 """
 
 import contextlib

@@ -163,8 +163,8 @@ def joint_error(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
 
 def round_to_error(value: float, error: float) -> float:
     """Return a value rounded to the significant digits that its numerical error, in the same unit,
-    leaves certain, one to seven; 0 if the error is as large as the value. NaN and infinity are
-    returned unchanged."""
+    leaves certain, one to seven (seven if the error is NaN); 0 if the error is as large as the
+    value. NaN, and infinity with a finite error, are returned unchanged."""
     if not np.isfinite(value) or abs(value) <= error:
         return 0.0 if abs(value) <= error else float(value)
     digits = np.log10(abs(value) / error) if error > 0.0 else np.inf

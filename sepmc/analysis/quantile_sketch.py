@@ -286,9 +286,9 @@ class _Grid:
         return result
 
     def counts_below(self, edges: np.ndarray) -> np.ndarray:
-        """Return the numbers (m,) of finite values below increasing edges (m,), as if the values
-        counted in a bin were spread evenly over it; a last edge at the largest value or above
-        counts all."""
+        """Return the numbers (m,), rounded, of finite values below increasing edges (m,), as if the
+        values counted in a bin were spread evenly over it; a last edge at the largest value or
+        above counts all."""
         left, right, counts = self.bins()
         # a value at an edge is not below it
         right = np.where(left == right, np.nextafter(right, np.inf), right)

@@ -1,5 +1,6 @@
-"""Files of the cache folder, each with a checksum, so that a truncated or changed file counts as
-missing; and linking of its object files (machine code of functions) into this process.
+"""Files of the cache folder, with a checksum, so that a truncated or changed file counts as missing
+(`put` alone writes none); and linking of its object files (machine code of functions) into this
+process.
 
 Object files are specific to the processor.
 """
@@ -25,7 +26,7 @@ _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, owner
 
 def put(path: Path, content: bytes) -> None:
     """Write a file atomically: no other process or thread sees a partial file. Its folder must
-    exist.
+    exist. The content is written as it is, without a checksum (`put_sealed` adds one).
 
     Raises
     ------

@@ -342,8 +342,9 @@ def _inertia(balance: Element, tag: str, is_required: bool) -> float:
 
 
 def _measured(element: Element, kind: str, units: dict[str, str]) -> float:
-    """Number in the text of an element, converted to SI; ``kind`` and ``units`` as for `_unit`,
-    which raises FormatError."""
+    """Number in the text of an element, converted to SI. ``units`` maps the spellings of units in
+    the file, the default first, to unit suffixes of the quantity ``kind`` (`_unit`). Raises
+    FormatError for another unit, or if the text is not one number."""
     return _unit(element, kind, units) * element.numbers(element.text, element.tag, 1)[0]
 
 

@@ -208,8 +208,8 @@ def _rim_points(part: Part) -> np.ndarray:
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
-    """Return the corners (m, 2) of the convex hull of points (n, 2), the silhouette of a convex
-    part; the points themselves if they are on one line."""
+    """Return the corners (m, 2), in order around it, of the convex hull of points (n, 2), the
+    silhouette of a convex part; the points themselves if they are on one line."""
     try:
         return points[ConvexHull(points).vertices]
     except QhullError:  # seen edge-on

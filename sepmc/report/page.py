@@ -294,8 +294,9 @@ def verdict_row(v: Verdict, unit: str) -> dict[str, Any]:
 
 
 def _session(one: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the texts of a session (``one``, an entry of the manifest) for a row of the table of
-    sessions, by the names that the template uses; empty for what the entry lacks."""
+    """Return the texts and numbers of a session (``one``, an entry of the manifest) for a row of
+    the table of sessions, by the names that the template uses; an empty text for what the entry
+    lacks."""
     seconds = ", ".join(f"{stage} {s:.3g}" for stage, s in one.get("timing_s", {}).items())
     packages = ", ".join(f"{name} {v}" for name, v in one.get("versions", {}).items())
     return {

@@ -150,11 +150,10 @@ class Studio:
 
     def run(self, question: Question) -> dict[str, Any]:
         """Run the cases of a question, at most `MAX_CASES`, with the settings of its sliders, after
-        a run in progress has ended. Return, by name, the settings, the numbers of cases run and of
-        each status, the seed, notes, whether an audit bound is exceeded in an ok case, verdicts,
-        names of the outcomes from the most important one on, the seconds that the answer took and
-        histograms with statistics: of the outcomes that the question names or, if the run has none
-        of them, of the `_DRAWN` most important ones."""
+        a run in progress has ended. Return, by name, the settings, the number of cases run, a text
+        on each status (`_counts`), the seed, notes, whether an audit bound is exceeded in an ok
+        case, verdicts (`verdict_row`), names of the outcomes from the most important one on, the
+        seconds that the answer took and, for the outcomes to draw, histograms with statistics."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)
         cases = min(question.cases, MAX_CASES)
@@ -296,5 +295,5 @@ def verdicts_over(
 
 
 def as_json(data: Mapping[str, Any] | list[Any]) -> bytes:
-    """Return an answer as JSON, encoded in UTF-8; NaN becomes null."""
+    """Return an answer as JSON, encoded in UTF-8; NaN and infinity become null."""
     return msgspec.json.encode(data)

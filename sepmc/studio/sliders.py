@@ -163,8 +163,9 @@ def _ends(
     """Return the ends (low, high) of a slider about a nominal value, in the unit of the key.
 
     They lie at a distance of three times half the width of the distribution's `reach`; without a
-    distribution, of a quarter of the nominal value, or of 1 if that is 0. An end that one of the
-    parameters does not allow is moved toward the nominal value until it is allowed.
+    distribution, or if that width is 0, of a quarter of the nominal value, or of 1 if the nominal
+    value is 0. An end that one of the parameters does not allow is moved toward the nominal value
+    until it is allowed.
     """
     half = _PART * abs(nominal) or 1.0
     if dispersion and dispersion.reach[0] < dispersion.reach[1]:

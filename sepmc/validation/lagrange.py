@@ -334,7 +334,7 @@ class _Simulation:
 
     def loads(self, t: float, y: Array) -> list[tuple[Array, Array]]:
         """External force, N, and moment about the mass centre, N m, on A and on B, each in its body
-        axes, at time t, s."""
+        axes, at time t, s, and the state vector ``y`` (36,)."""
         return [
             body.loads(
                 t, self.t_mid, self.altitude + self.velocity[1] * t + x[1], r, self.velocity + v
@@ -343,7 +343,8 @@ class _Simulation:
         ]
 
     def accelerate(self, t: float, y: Array) -> Accelerations:
-        """Accelerations of the joined pair and the reaction of its joint, at time t, s."""
+        """Accelerations of the joined pair and the reaction of its joint, at time t, s, and the
+        state vector ``y`` (36,)."""
         return accelerate(self.pair, self.kinds[self.kind], self.motion(y), self.loads(t, y))
 
     def reaction(self) -> tuple[Array, Array]:

@@ -1,5 +1,5 @@
 """Shards, the Parquet files of a run folder: case rows, histories, selected rows and accumulators
-(arrays that statistics are computed from). Only this module and sample tables use pyarrow.
+(arrays that statistics are computed from).
 
 Functions that read the ledger raise StoreError if it cannot be read; those that write Parquet files
 raise it if a file cannot be written.

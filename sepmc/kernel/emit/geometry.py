@@ -392,7 +392,7 @@ class State:
         return self.spec.layout.slots.get(f"spring.{spring.name}.axis.x")
 
     def _spring_axis(self, spring: Spring) -> Expr:
-        """Axis of a spring: unit vector, body axes of its first body."""
+        """Axis of a spring that has one: unit vector, body axes of its first body."""
         if (slot := self._spring_axis_slot(spring)) is not None:
             return vec3.unit(self.case.vector(slot)).called("axis")
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)

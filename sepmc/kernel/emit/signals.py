@@ -75,8 +75,8 @@ class Signals:
         self._of_quantities = Quantities(s, moving)
 
     def value(self, signal: str) -> Any:
-        """Value of a signal as its formula gives it: in the unit of the key of the file that it
-        drives (mm for ``..._mm``), not SI."""
+        """Value of a signal (see `of`): in the unit of the key of the file that it drives (mm for
+        ``..._mm``), not SI."""
         return self.of(signal).value
 
     def of(self, signal: str) -> Jet:
