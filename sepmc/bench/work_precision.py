@@ -90,8 +90,8 @@ def _progress(done: int, total: int, seconds: float) -> str:
 
 
 def _refined_fraction(block: Block) -> float:
-    """Return the fraction of the cases of a block that were refined: integrated again in smaller
-    steps."""
+    """Return the fraction of the cases of a block, which must have its ``refinement``, that were
+    refined: integrated again in smaller steps."""
     assert block.refinement is not None
     return block.refinement.n_refined / len(block.status)
 

@@ -26,7 +26,7 @@ def indicator_limits(campaign: Definition, trials: Block) -> np.ndarray:
 
     A limit is the largest value in the ok calibration cases times a factor (1.25; 0.2 for
     indicators of joint loads), or a negligible value if that is larger. ``trials`` are the results
-    of the calibration cases.
+    of the calibration cases, which must have error indicators.
     """
     assert trials.indicators is not None
     indicators = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
@@ -91,8 +91,8 @@ def direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.
 
     Over each step, a kernel represents the load by a polynomial; the indicator is the largest error
     of its integral over a step, in the unit of the impulse. The result is `SAFETY` divided by the
-    smallest size of the impulse in the calibration cases, whose results are ``trials``; a size
-    below the scale of the outcome, from ``scale`` (o,), counts as that scale.
+    smallest size of the impulse in the calibration cases, whose results, with error indicators, are
+    ``trials``; a size below the scale of the outcome, from ``scale`` (o,), counts as that scale.
     """
     assert trials.indicators is not None
     impulses = _impulse_indices(campaign)

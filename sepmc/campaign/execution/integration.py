@@ -369,8 +369,8 @@ def _is_calibrated(flight: Integration, block: Block) -> np.ndarray:
     """Mask (n,) of the cases within the limits of the calibration (error indicators and angles), to
     which the error estimate applies.
 
-    All are True if ``flight`` has no limits. A case without indicators is False; an angle that is
-    NaN, not defined, is within its limit.
+    ``block`` must have error indicators. All are True if ``flight`` has no limits, else a case
+    without indicators is False; an angle that is NaN, not defined, is within its limit.
     """
     assert block.indicators is not None
     if flight.limits is None:

@@ -260,7 +260,8 @@ class Runner:
         self, executor: Executor, numbers: CaseSelection, report: Callable[[], None]
     ) -> None:
         """Let the workers of ``executor`` run the cases ``numbers``, in ranges; call ``report``
-        after each completed range. It ends early if too many cases fail.
+        after each completed range. It ends early if too many cases fail. The run must have a
+        folder.
 
         If statistics are accumulated, the first cases are run in this process: they define the
         histogram grids of all others.
@@ -436,9 +437,9 @@ class Runner:
             self.rows.finish()
 
     def write_manifest(self, complete: bool) -> None:
-        """Write the manifest and the campaign text into the folder; the manifest states
-        ``complete``, which is True if all wanted cases are stored. Raises StoreError if a file
-        cannot be written."""
+        """Write the manifest and the campaign text into the folder, which the run must have; the
+        manifest states ``complete``, which is True if all wanted cases are stored. Raises
+        StoreError if a file cannot be written."""
         assert self.folder is not None
         campaign = self.campaign
         manifest = {

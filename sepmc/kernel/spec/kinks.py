@@ -159,7 +159,7 @@ class Formulas:
 
     def quantity(self, node: Name) -> Quantity:
         """Quantity of the flight (such as an altitude) that a name in a formula stands for; its
-        item has its generated name."""
+        item has its generated name. The name must stand for a quantity."""
         known = quantity(node.path, self.names.of)
         assert known is not None
         return known._replace(

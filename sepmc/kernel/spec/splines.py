@@ -85,8 +85,9 @@ def pack(
 def _axis(points, ends):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
     cubic splines, and the matrix, shape (coefficients, points), that maps tabulated values to
-    spline coefficients. An axis of one point has no span and the matrix 1. ``ends`` is as in
-    `pack`, but constants beyond the ends are added by `_with_constant_ends`."""
+    spline coefficients. The ``points`` must rise strictly. An axis of one point has no span and the
+    matrix 1. ``ends`` is as in `pack`, but constants beyond the ends are added by
+    `_with_constant_ends`."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
 
     assert np.all(np.diff(points) > 0.0)
