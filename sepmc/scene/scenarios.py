@@ -71,7 +71,8 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
                 problems.add(f"{key_path}.{key}", "unknown key; known here: " + ", ".join(_KEYS))
         if not isinstance(settings, dict) or not settings:
             problems.add(
-                f"{key_path}.set", 'must be a table with a value, as { "spring.a.factor" = 0.0 }'
+                f"{key_path}.set",
+                'must be a table with at least one value, as { "spring.a.factor" = 0.0 }',
             )
             continue
         for key, value in settings.items():

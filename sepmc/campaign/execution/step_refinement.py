@@ -278,6 +278,6 @@ def refine_case_steps(
         [
             f"a shorter step changes {columns[largest].name} by {change[largest]:.1e} of its size, "
             f"more than the requested accuracy {tolerance:g}, however short the step: the error of "
-            "this case is about as large"
+            "this case is about as large, and the results can be used if that is small enough"
         ],
     )
