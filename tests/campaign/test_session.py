@@ -256,7 +256,7 @@ def test_wildcards_set_every_table_of_a_name():
     assert {s.force for s in upper if not s.name.startswith("upper_")} == {900.0}
     with pytest.raises(sepmc.SceneError, match="no table has such a name"):
         campaign.with_settings({"spring.none*.force_N": 700.0})
-    with pytest.raises(sepmc.SceneError, match="set before"):
+    with pytest.raises(sepmc.SceneError, match="an earlier key sets"):
         campaign.with_settings({"spring.upper_left.force_N": 1.0, "spring.*.force_N": 700.0})
 
 

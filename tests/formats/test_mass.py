@@ -231,7 +231,7 @@ def test_faults_are_named(tmp_path, text, options, reason):
         (("<worldbody>", "<compiler balanceinertia='true'/><worldbody>"), "has balanceinertia"),
         (("<worldbody>", "<compiler coordinate='global'/><worldbody>"), "has coordinate"),
         (("<inertial", "<joint/><geom"), "has no body with mass properties"),
-        (('1.0 0.0 0.0 0.0"', '0 0 0 0"'), "has no direction"),
+        (('1.0 0.0 0.0 0.0"', '0 0 0 0"'), "gives no attitude"),
         (('1.0 0.0 0.0 0.0"', '1 0 0"'), "quat = .*: must be 4 finite numbers"),
     ],
 )
