@@ -3,7 +3,7 @@ parts take about a quarter of an hour on an idle machine.
 
 Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``, the
 cost of clearances and joint loads; ``big``, 1e8 cases of `table2`, twice (eight minutes);
-``before``, its kernel beside that of a checkout of another commit, alternating; ``cold``, commands
+``before``, kernels beside those of a checkout of another commit, alternating; ``cold``, commands
 with an empty cache beside those of the checkout (of all its campaigns and of its template, in
 ``--rounds N`` rounds of one and a half minutes each). Modules have bytecode, as installed ones do.
 """
@@ -31,19 +31,21 @@ from sepmc.engine.dispatch import integrate_cases, load_kernel, use_threads
 from sepmc.scene.campaign_files import shipped_campaigns
 from sepmc.scene.read import parse_campaign
 
-REPEATS, PAIRS, CASES = 7, 5, 10_000
+REPEATS, PAIRS, CASES = 7, 7, 10_000
 BARE = {"run.history_step_s": 0.0}
 IMPORTS = [sys.executable, "-c", "import numba, pandas, pyarrow"]
-# kernel time of 10,000 cases on one thread, s, best of nine: by the interface of every commit
+ONE_MORE = ["--set", 'output.tip_off=["pins"]']
+# kernel time of a campaign as shipped on one thread, s, best of nine: by the interface of every
+# commit
 KERNEL = """
 import sys, warnings
 import sepmc
 warnings.simplefilter("ignore")
-campaign = sepmc.load(sys.argv[1], {"run.history_step_s": 0.0})
+campaign = sepmc.load(sys.argv[1])
 cases = int(sys.argv[2])
 print(min(campaign.run(cases, threads=1).timing["kernel"] for _ in range(9)))
 """
-COMPARED = {"table2.toml": 10_000, "srb.toml": 1_000}
+COMPARED = {"table2": 10_000, "srb": 1_000, "hyper-x": 1_000, "residual-thrust": 4_000}
 
 
 def command(*words, out, cache):
@@ -64,7 +66,7 @@ def imports():
 
 def commands(folder):
     """Whole processes: with an empty cache, again with one more output, and warm."""
-    one_more = ["campaign", "table2.toml", "--set", 'output.tip_off=["pins"]']
+    one_more = ["campaign", "table2.toml", *ONE_MORE]
     for cache in (folder / "cold-1", folder / "cold-2"):
         cold = command("campaign", "table2.toml", out=folder / "run", cache=cache)
         again = command(*one_more, out=folder / "run", cache=cache)
@@ -90,7 +92,8 @@ def commands(folder):
 
 def cold(folder, before, count):
     """Commands of 100 cases without figures, of another checkout and of this one in turn, each with
-    an empty cache and then warm: wall and processor time, and their ratios in ``count`` rounds."""
+    an empty cache, then (`table2`) with one more output, then warm: wall and processor time, and
+    their ratios in ``count`` rounds."""
     ratios = {}
     for number in range(count):
         for name, times in _cold_round(folder / str(number), before).items():
@@ -125,20 +128,22 @@ def _cold_round(folder, before):
             place.mkdir(parents=True)
             environment = os.environ | {"PYTHONPATH": str(checkout), "SEPMC_CACHE_DIR": str(place)}
             sepmc = [sys.executable, "-m", "sepmc"]
+            states = {"empty": []} | ({"output": ONE_MORE} if file == "table2.toml" else {})
+            states |= {"warm": []}
             name = file or str(place / "template.toml")
             if not file:
                 words = [*sepmc, "template", name]
                 subprocess.run(words, check=True, env=environment, cwd=place, capture_output=True)
             words = [*sepmc, "campaign", name, "--cases", "100", "--no-plots", "--quiet"]
-            for state in ("empty", "warm"):
-                out = ["--out", str(place / state)]
+            for state, more in states.items():
+                out = ["--out", str(place / state), *more]
                 begun, used = time.perf_counter(), sum(os.times()[2:4])
                 done = subprocess.run(
                     [*words, *out], check=False, env=environment, cwd=place, capture_output=True
                 )
                 seconds = time.perf_counter() - begun, sum(os.times()[2:4]) - used
                 times[checkout, state] = seconds if done.returncode == 0 else (math.nan, math.nan)
-        for state in ("empty", "warm"):
+        for state in states:
             result[f"{file or 'template'}, {state}"] = times[before, state], times[here, state]
     return result
 
@@ -229,7 +234,7 @@ def features(file, cases=2000):
 
 
 def against(before):
-    """Kernel time of two campaigns, with error estimates and refined cases, beside that of another
+    """Kernel time of campaigns, with error estimates and refined cases, beside that of another
     checkout."""
     for file, cases in COMPARED.items():
         ratios = []
@@ -237,7 +242,7 @@ def against(before):
             times = []
             for folder in (before, Path(__file__).parents[2]):
                 environment = os.environ | {"PYTHONPATH": str(folder), "NUMBA_NUM_THREADS": "1"}
-                words = [sys.executable, "-c", KERNEL, file, str(cases)]
+                words = [sys.executable, "-c", KERNEL, f"{file}.toml", str(cases)]
                 done = subprocess.run(
                     words, check=True, env=environment, capture_output=True, text=True, cwd="/"
                 )
