@@ -249,14 +249,16 @@ class StreamingStatistics:
                 self._flush()
 
     def state(self) -> list[np.ndarray]:
-        """Return what was accumulated so far as float arrays, which `restore` takes."""
+        """Return what was accumulated so far as float arrays; `restore` takes an iterator over
+        them."""
         filled = slice(0, self._filled)
         buffered = self._numbers[filled], self._codes[filled], self._buffer[:, filled].ravel()
         arrays = [array for one in self._accumulators for array in one.state()]
         return [*(array.astype(float) for array in buffered), *arrays]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load the state that `state` returned for the same outcomes, audits and requirements.
+        """Load a state of the same outcomes, audits and requirements: the next of ``arrays``, in
+        the order in which `state` returned them.
 
         Raises
         ------

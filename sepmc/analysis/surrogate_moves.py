@@ -113,9 +113,10 @@ class SurrogateMove:
         temperature: float,
         coordinates: Coordinates,
     ) -> "SurrogateMove":
-        """Fit the surrogate to particles with ``scores`` (n, d), ``residuals`` (n, m) in sigma and
-        ``weights`` (n,), at a ``temperature``, the power of the likelihood; particles with a
-        residual that is not finite are left out. The weights determine only ``lines``."""
+        """Fit the surrogate, quadratic in ``coordinates``, to particles with ``scores`` (n, d),
+        ``residuals`` (n, m) in sigma and ``weights`` (n,), at a ``temperature``, the power of the
+        likelihood; particles with a residual that is not finite are left out. The weights determine
+        only ``lines``."""
         known = np.isfinite(residuals).all(axis=1)
         values, residuals = coordinates.of(scores[known]), residuals[known]
         weights = np.asarray(weights[known] / weights[known].sum())

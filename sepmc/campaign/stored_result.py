@@ -25,8 +25,8 @@ def open_run(folder: str | Path) -> Result:
     Returns
     -------
     Result
-        As `Campaign.run` returns it, but ``timing`` is empty and ``integration`` None. Rows are
-        read on demand.
+        As `Campaign.run` returns it, but ``timing`` is empty, ``integration`` None and ``resumed``
+        0. Rows are read on demand.
 
     Raises
     ------
@@ -50,8 +50,9 @@ def open_run(folder: str | Path) -> Result:
     if record:
         errors = numerical_errors(record)
         asked = record.get("asked") or campaign.scene.solver.accuracy
+        positions = frozenset(record.get("places", ()))
         accuracy = AchievedAccuracy(
-            asked, errors, record.get("cases", 0), frozenset(), record.get("history")
+            asked, errors, record.get("cases", 0), positions, record.get("history")
         )
     cases = manifest["cases"]
     text = manifest.get("numbers")

@@ -138,7 +138,7 @@ def campaign(
     \b
     Examples:
       sepmc campaign table2.toml --cases 1e5 --seed 7 --out runs/seven
-      sepmc campaign srb.toml --set motor.bsm.thrust_N=9e4 --check
+      sepmc campaign srb.toml --set motor.bsm.thrust_N=9e4 --check  # exit code by verdicts
       sepmc campaign residual-thrust.toml --rare no_recontact
     """
     resume, overwrite = fields["resume"], fields["overwrite"]

@@ -344,7 +344,10 @@ def _check_names(names: Sequence[str]) -> None:
         if count > 1:
             raise FormatError(f"has the column {shorten(name)} twice")
         if printable(name) != name:
-            raise FormatError(f"has a column whose name is no plain text: {printable(name, 60)}")
+            raise FormatError(
+                "has a column whose name has characters that cannot be printed: "
+                f"{printable(name, 60)}"
+            )
 
 
 def _read_parquet(path: Path, most: int, gaps: bool) -> TextTable:

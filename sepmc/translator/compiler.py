@@ -1,4 +1,5 @@
-"""Compilation, by LLVM, of compile units: functions of a kernel that are compiled separately."""
+"""Compilation of compile units, the functions of a kernel that are compiled separately: from their
+Python source, translated here, by LLVM to object files."""
 
 import ast
 from functools import cache

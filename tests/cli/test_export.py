@@ -160,6 +160,15 @@ def test_open_gives_the_result(run):
         again.case(12)
 
 
+def test_open_knows_which_errors_do_not_count(tmp_path):
+    """Those of the times of peaks."""
+    result = sepmc.load("nasa-fixed-joint").run(cases=8, out=tmp_path / "run")
+    again = sepmc.open(tmp_path / "run")
+    assert "joint_peak_force_time_s" in result.accuracy.positions
+    assert again.accuracy.positions == result.accuracy.positions
+    assert again.accuracy.worst == result.accuracy.worst
+
+
 def test_open_refuses_other_folders(tmp_path):
     with pytest.raises(sepmc.StoreError, match="is no folder of a run"):
         sepmc.open(tmp_path)

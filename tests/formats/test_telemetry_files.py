@@ -195,7 +195,9 @@ def test_names_that_cannot_be_printed(tmp_path):
     with pytest.raises(FormatError, match=r"known here: g\\x1b\[2"):
         read(tmp_path / "f.mat", "signal_gain=nothing")
     pd.DataFrame({"t": TIME, "g\x1b[2": RATE}).to_parquet(tmp_path / "f.parquet")
-    with pytest.raises(FormatError, match=r"has a column whose name is no plain text: g\\x1b\[2"):
+    with pytest.raises(
+        FormatError, match=r"whose name has characters that cannot be printed: g\\x1b\[2"
+    ):
         read(tmp_path / "f.parquet", "signal_gain=nothing")
 
 

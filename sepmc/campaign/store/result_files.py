@@ -68,7 +68,8 @@ def statistics_as_json(
     verdicts: Sequence[dict[str, Any]] = (),
     rarely_drawn: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Contents of ``statistics.json``, with None in place of NaN.
+    """Contents of ``statistics.json``, with None in place of NaN in the statistics and the audit.
+    Verdicts are taken as they are; `folders.json_text` replaces what is not finite in them.
 
     Parameters
     ----------
@@ -122,7 +123,8 @@ def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
     """Write the history of a single case as ``history.parquet``, and a ledger with this file alone
-    in place of the old one; return the path of the file. Raises StoreError if it cannot be written.
+    in place of the old one; return the path of the file. Raises StoreError if the file, and OSError
+    if the ledger, cannot be written.
 
     ``history`` has a row per time, and the unit of each column in ``history.attrs["units"]``;
     ``meanings`` are explanations by column, which the file contains.

@@ -137,8 +137,9 @@ def angle(y: Jet, x: Jet) -> Jet:
 
 
 def select(condition: Any, one: Jet, other: Jet) -> Jet:
-    """Jet that equals ``one`` where a condition (symbolic, or a known bool) is satisfied, else
-    ``other``; the second derivative is known only if it is known of both."""
+    """Jet that equals ``one`` where a condition is satisfied, else ``other``. If the condition is a
+    known bool, it is that jet itself; with a symbolic condition its second derivative is known only
+    if it is known of both."""
     if isinstance(condition, bool):
         return one if condition else other
     is_known = one.second is not None and other.second is not None
