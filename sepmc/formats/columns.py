@@ -2,6 +2,7 @@
 its header, or by what a campaign names."""
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,6 +97,40 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "", name.lower())
 
 
+def split_columns(option: Any) -> tuple[list[str] | None, dict[str, Any] | None]:
+    """Split the option ``columns`` of a file (None: not given) into the titles of a file without a
+    header, if it is a list, and the columns by quantity, if it is a table; None for what it is not.
+    Raises FormatError if it is neither."""
+    if option is not None and not isinstance(option, list | dict):
+        raise FormatError(
+            "columns: must be a table of titles by quantity, or the list of all titles of a file "
+            "without a header"
+        )
+    titles = [str(title) for title in option] if isinstance(option, list) else None
+    return titles, option if isinstance(option, dict) else None
+
+
+def named_column(key: str, value: Any, expected: str) -> tuple[str, float]:
+    """Return name and factor of the column that the entry ``key`` of the option ``columns`` names
+    by ``value``: a name, or a table ``{ column, scale }``. Raises FormatError if the value is
+    neither, with ``expected`` as what it must be, or the table has another key."""
+    entry = value if isinstance(value, dict) else {"column": value}
+    if unknown := [each for each in entry if each not in ("column", "scale")]:
+        raise FormatError(f"columns.{key}.{unknown[0]}: unknown key; allowed: column, scale")
+    name, scale = entry.get("column"), entry.get("scale", 1.0)
+    if not isinstance(name, str) or not is_number(scale):
+        raise FormatError(f"columns.{key}: must be {expected}")
+    return name, float(scale)
+
+
+def check_quantities(named: Collection[str], known: Collection[str], kind: str) -> None:
+    """Raise FormatError if the option ``columns`` has a quantity (``named``, without units) that is
+    not ``known``; ``kind`` is a word for such quantities."""
+    for name in named:
+        if name not in known:
+            raise FormatError(f"columns.{name}: no such {kind}; {nearest(name, known)}")
+
+
 class Columns:
     """Columns of a table by quantity; `find` converts one to SI. Creating the object raises
     FormatError if ``named`` is not valid or names a column that the table does not have.
@@ -120,19 +155,15 @@ class Columns:
         self.named: dict[str, tuple[str, float, str]] = {}
         for key, value in (named or {}).items():
             quantity, unit = split_unit(key)
-            entry = value if isinstance(value, dict) else {"column": value}
-            title, scale = entry.get("column"), entry.get("scale", 1.0)
-            if not isinstance(title, str) or not is_number(scale):
-                raise FormatError(
-                    f"columns.{key}: must be the title of a column, or "
-                    "{ column = TITLE, scale = NUMBER }"
-                )
+            title, scale = named_column(
+                key, value, "the title of a column, or { column = TITLE, scale = NUMBER }"
+            )
             table.check_numbers(title)
             if title not in table.columns:
                 raise FormatError(
                     f"columns.{key}: no column {shorten(title)}; {nearest(title, table.columns)}"
                 )
-            self.named[quantity] = (title, float(scale), unit)
+            self.named[quantity] = (title, scale, unit)
 
     def find(self, name: str, quantity: Quantity, default: str = "") -> np.ndarray | None:
         """Find the column of a quantity and convert it to SI.

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from sepmc.formats.columns import plain
+from sepmc.formats.columns import check_quantities, named_column, plain
 from sepmc.formats.daveml_signs import STANDARD, sign_of
-from sepmc.formats.decks import AXES, coefficient_of, deck_of
+from sepmc.formats.decks import AXES, QUANTITIES, coefficient_of, deck_of
 from sepmc.formats.text_table import FormatError, TextTable, read_text
 from sepmc.formats.xml_tree import Element, parse_xml
 from sepmc.scene.messages import nearest, shorten
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
-from sepmc.scene.units import is_number, split_unit
+from sepmc.scene.units import split_unit
 
 _CELLS = 100_000  # of a table
 _UNITS = {"deg": "deg", "d": "deg", "rad": "rad", "r": "rad"}
@@ -141,16 +141,12 @@ def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, 
     by_name = {element.attributes.get("name", ""): name for name, element in variables.items()}
     named = {}
     for key, value in (columns or {}).items():
-        entry = value if isinstance(value, dict) else {"column": value}
-        name, scale = entry.get("column"), entry.get("scale", 1.0)
-        if not isinstance(name, str) or not is_number(scale):
-            raise FormatError(
-                f"columns.{key}: must be a variable, or {{ column = NAME, scale = 1.0 }}"
-            )
+        name, scale = named_column(key, value, "a variable, or { column = NAME, scale = 1.0 }")
         if name not in variables and name not in by_name:
             hint = nearest(name, [*variables, *by_name])
             raise FormatError(f"columns.{key}: no variable {shorten(name)}; {hint}")
-        named[key] = (name if name in variables else by_name[name], float(scale))
+        check_quantities([split_unit(key)[0]], QUANTITIES, "coefficient")
+        named[key] = (name if name in variables else by_name[name], scale)
     return named
 
 

@@ -9,9 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.formats.columns import Columns, Quantity, plain, split_header
+from sepmc.formats.columns import (
+    Columns,
+    Quantity,
+    check_quantities,
+    plain,
+    split_columns,
+    split_header,
+)
 from sepmc.formats.text_table import FormatError, TextTable, read_table
-from sepmc.scene.messages import nearest
 from sepmc.scene.model import COEFFICIENTS, DERIVATIVES
 
 AXES = {
@@ -19,6 +25,8 @@ AXES = {
     "alpha": Quantity("angle", ("alpha", "aoa", "alfa", "angleofattack")),
     "beta": Quantity("angle", ("beta", "aos", "sideslip", "angleofsideslip")),
 }
+# that the option ``columns`` may name
+QUANTITIES = (*AXES, *COEFFICIENTS, *DERIVATIVES, "lift", "drag")
 # titles that mean one coefficient by their capitals; in small letters cn and cl mean two
 _EXACT = {
     "CA": "axial", "CX": "", "CN": "normal", "CY": "side", "Cl": "roll", "CLL": "roll",
@@ -60,9 +68,8 @@ def read_deck(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], list
     FormatError
         With the reason why the file is rejected.
     """
-    named = options.get("columns")
-    names = [str(x) for x in named] if isinstance(named, list) else None
-    return deck_of(read_table(path, names), named if isinstance(named, dict) else {})
+    titles, named = split_columns(options.get("columns"))
+    return deck_of(read_table(path, titles), named or {})
 
 
 def deck_of(table: TextTable, named: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -109,14 +116,11 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
     ``columns.understood``. Raises FormatError if the meaning of a title is not unique, two columns
     give one coefficient, or an option names an unknown one."""
     values: dict[str, np.ndarray] = {}
+    check_quantities(columns.named, QUANTITIES, "coefficient")
     used = {title for title, _, _ in columns.named.values()}
     for name, (title, scale, _) in columns.named.items():
-        if name in AXES:
-            continue
-        if name not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):
-            known = (*AXES, *COEFFICIENTS, *DERIVATIVES, "lift", "drag")
-            raise FormatError(f"columns.{name}: no such coefficient; {nearest(name, known)}")
-        values[name] = scale * columns.table.columns[title]
+        if name not in AXES:
+            values[name] = scale * columns.table.columns[title]
     for title in columns.table.texts:
         if coefficient_of(title) not in ("", *columns.named):
             columns.table.check_numbers(title)

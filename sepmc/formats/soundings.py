@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.formats.columns import Columns, Quantity
+from sepmc.formats.columns import Columns, Quantity, check_quantities, split_columns
 from sepmc.formats.text_table import FormatError, TextTable, number, parse_table, read_table
 from sepmc.formats.text_table import read_text as text_of
 from sepmc.scene.messages import shorten
@@ -148,6 +148,7 @@ def _columns(
     rows that have all of them. Raises FormatError if the file is no table or has several
     soundings, or for columns of a sounding that the options name."""
     named = options.get("columns")
+    titles, by_name = split_columns(named)
     if path.suffix.lower() != ".parquet":
         text = text_of(path)
         for pattern, rows_of, layout in (
@@ -170,11 +171,10 @@ def _columns(
                 if left:
                     understood.append(f"{left} rows without {', '.join(needed)} are not read")
                 return Columns(table), understood
-        names = [str(x) for x in named] if isinstance(named, list) else None
-        table = parse_table(text, names)
+        table = parse_table(text, titles)
     else:
         table = read_table(path)
-    return Columns(table, named if isinstance(named, dict) else None), []
+    return Columns(table, by_name), []
 
 
 _TITLES = {
@@ -248,6 +248,7 @@ def _value(cell: str) -> float:
 
 
 def _find(columns: Columns, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    check_quantities(columns.named, names, "quantity")
     columns_read = {}
     for name in names:
         values = columns.find(name, _QUANTITIES[name], _DEFAULTS.get(name, ""))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.formats.columns import Columns, Quantity
+from sepmc.formats.columns import Columns, Quantity, check_quantities, split_columns
 from sepmc.formats.text_table import FormatError, TextTable, number, read_table, read_text
 from sepmc.scene.messages import nearest, shorten
 
@@ -78,21 +78,19 @@ def read_thrust(path: Path, options: dict[str, Any]) -> ThrustCurve:
     """
     if path.suffix.lower() == ".eng":
         return parse_eng(read_text(path), options.get("engine"))
-    named = options.get("columns")
-    names = [str(x) for x in named] if isinstance(named, list) else None
-    by_name = named if isinstance(named, dict) else None
-    table = read_table(path, names, assumed=_ASSUMED)
+    titles, by_name = split_columns(options.get("columns"))
+    table = read_table(path, titles, assumed=_ASSUMED)
     time, fraction, thrust = _quantities(table, by_name)
     if table.header == "comment" and time is fraction is thrust is None:
         table = _without_header(table)
         time, fraction, thrust = _quantities(table, by_name)
     if time is None or (fraction is None) == (thrust is None):
-        titles = [f'"{title}"' for title in table.columns] or ['"TITLE"']
+        known = [f'"{title}"' for title in table.columns] or ['"TITLE"']
         raise FormatError(
             "needs a column of time and one of either thrust or fraction, not both, such as time_s "
             "and thrust_N; "
             f"has {', '.join(table.columns)}; name them with their units, such as "
-            f"columns = {{ time_s = {titles[0]}, thrust_N = {titles[-1]} }}"
+            f"columns = {{ time_s = {known[0]}, thrust_N = {known[-1]} }}"
         )
     values = thrust if thrust is not None else fraction
     assert values is not None
@@ -117,6 +115,7 @@ def _quantities(
     """Columns of time (s), fraction and thrust (N) of a table, each (n,); None for those that it
     does not have. ``named`` and the FormatError raised are those of `Columns`."""
     columns = Columns(table, named)
+    check_quantities(columns.named, ("time", "fraction", "thrust"), "quantity")
     return (
         columns.find("time", _TIME),
         columns.find("fraction", _FRACTION),

@@ -199,6 +199,20 @@ def test_faults_are_named(tmp_path, change, reason):
         read_daveml(path, {})
 
 
+def test_unknown_keys_of_columns_are_refused(tmp_path):
+    """Of the table of one variable, and a coefficient, also if its variable is not read."""
+    table = points("cm", "CM", "al", "-1 1", "1 -1")
+    for columns, message in (
+        (
+            {"pitch": {"column": "cm", "factor": 2}},
+            r"columns\.pitch\.factor: unknown key; allowed: ",
+        ),
+        ({"colour": "M"}, r"columns\.colour: no such coefficient"),
+    ):
+        with pytest.raises(FormatError, match=message):
+            read(tmp_path, table, columns=columns)
+
+
 @pytest.mark.parametrize("scale", [True, math.nan, math.inf, "2"])
 def test_a_scale_that_is_no_finite_number_is_refused(tmp_path, scale):
     table = points("cm", "Cm", "al", "-5 5", "0.1 -0.1")

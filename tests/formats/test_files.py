@@ -10,7 +10,7 @@ from small_scenes import PAIR
 
 import sepmc
 from sepmc.cli import app
-from sepmc.formats.decks import deck_of
+from sepmc.formats.decks import deck_of, read_deck
 from sepmc.formats.files import read_files
 from sepmc.formats.soundings import read_air, read_wind
 from sepmc.formats.text_table import FormatError, parse_table
@@ -173,6 +173,29 @@ def test_a_scale_that_is_no_finite_number_is_refused(tmp_path, scale):
     columns = f'"FILE", columns = {{ thrust_N = {{ column = "ch2", scale = {scale} }} }}'
     text = problem(tmp_path, MOTOR.replace('"FILE"', columns), "c.csv", "time_s,ch2\n0,1\n1,2\n")
     assert "columns.thrust_N: must be the title of a column, or" in text
+
+
+FILES_WITH_COLUMNS = [
+    (read_thrust, "time_s,x\n0,1\n1,2\n", "thrust_N"),
+    (read_deck, "mach,x\n0.5,1\n0.9,2\n", "axial"),
+    (read_air, "altitude_m,x\n0,1\n9,2\n", "density_kg_per_m3"),
+    (read_wind, "altitude_m,from_deg,x\n0,1,1\n9,2,2\n", "speed_m_s"),
+]
+
+
+@pytest.mark.parametrize(("read", "text", "key"), FILES_WITH_COLUMNS)
+def test_unknown_keys_of_columns_are_refused(tmp_path, read, text, key):
+    """A key of the table of one column, a quantity, and an option that is neither list nor
+    table."""
+    (tmp_path / "c.csv").write_text(text)
+    read(tmp_path / "c.csv", {"columns": {key: {"column": "x", "scale": 2}}})
+    for columns, message in (
+        ({key: {"column": "x", "factor": 2}}, rf"columns\.{key}\.factor: unknown key; allowed: "),
+        ({key: "x", "colour": "x"}, r"columns\.colour: no such "),
+        (5, "columns: must be a table of titles by quantity, or the list"),
+    ):
+        with pytest.raises(FormatError, match=message):
+            read(tmp_path / "c.csv", {"columns": columns})
 
 
 def test_an_impulse_that_is_infinite_is_refused(tmp_path):
