@@ -344,11 +344,10 @@ class Signal(_Table, frozen=True, kw_only=True):
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the fields that have no effect: none with ``sample``; without it ``delay``, and
-        ``initial`` as well if the signal has no `states`."""
-        if self.sample is not None:
-            return ()
-        return ("delay",) if self.states else ("delay", "initial")
+        """Names of the fields that have no effect: ``delay`` without ``sample``, and ``initial`` if
+        the signal has neither `states` nor a delay."""
+        delay = () if self.sample is not None else ("delay",)
+        return delay if self.states or self.delay else (*delay, "initial")
 
 
 class Driven(NamedTuple):

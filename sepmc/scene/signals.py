@@ -177,7 +177,7 @@ def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
     elif signal.sample is not None and signal.delay > signal.sample:
         reason = f"must be at most sample_s = {signal.sample:g}"
         problems.add(f"{key_path}.delay_s", reason, signal.delay)
-    if signal.initial != 0.0 and not (signal.states or signal.delay):
+    if signal.initial != 0.0 and "initial" in signal.without_effect:
         reason = "needs lag_s, servo, integral or delay_s: a formula alone has no initial value"
         problems.add(f"{key_path}.initial", reason, signal.initial)
 

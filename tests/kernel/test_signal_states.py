@@ -171,6 +171,14 @@ def test_numbers_without_effect_cannot_vary(pair, key):
         pair(settings)
 
 
+def test_initial_value_of_a_sampled_signal_needs_a_delay_to_vary(pair):
+    """The sample at the start takes effect at once without one: no value comes before it."""
+    vary = {"dispersion": {"signal.out.initial": {"uniform": [0.0, 0.1]}}}
+    with pytest.raises(SceneError, match="has no effect on this signal, so it cannot vary"):
+        pair(STILL | out("1", sample_s=0.1) | vary)
+    pair(STILL | out("1", sample_s=0.1, delay_s=0.05) | vary)
+
+
 def test_loop_without_a_state(pair):
     signals = [{"name": "out", "formula": "2 * b"}, {"name": "b", "formula": "out"}]
     with pytest.raises(SceneError, match="depends on itself at once: out -> b -> out; a lag_s"):
