@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sepmc.campaign.execution import step_selection
-from sepmc.campaign.execution.accuracy import achieved
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, achieved
 from sepmc.campaign.execution.diagnostics import accuracy_notes
 from sepmc.campaign.execution.integration import Integration, _is_calibrated
 from sepmc.engine.dispatch import Block
@@ -78,6 +78,20 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     result = np.array([[0.4], [0.6], [NAN]])
     block = Block(result, *np.zeros((4, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_calibrated(usual, block), [True, False, True])
+
+
+def test_accuracy_that_is_not_met_names_its_outcomes():
+    """Times and positions of extremes do not count, not even alone; an error that is no number
+    does."""
+    positions = frozenset({"gap_clearance_time_s"})
+    alone = AchievedAccuracy(1e-6, {"gap_clearance_time_s": 1e-3}, 9, positions)
+    assert (alone.met, accuracy_notes(alone, False)) == (True, [])
+    unknown = AchievedAccuracy(1e-6, {"mass_kg": 0.0, "gap_clearance_mm": NAN}, 9)
+    assert not unknown.met
+    assert "(gap_clearance_mm nan)" in accuracy_notes(unknown, False)[0]
+    several = AchievedAccuracy(1e-6, {"a": 1e-7, "b": 2e-6, "c": 3e-6}, 9)
+    assert "error up to 3.0e-06" in accuracy_notes(several, False)[0]
+    assert "(c 3.0e-06, b 2.0e-06)" in accuracy_notes(several, False)[0]
 
 
 def test_no_trial_case_tells_no_error(table2):

@@ -317,13 +317,14 @@ class AchievedAccuracy:
     asked : float
         Requested accuracy, ``solver.accuracy``.
     errors : dict of str to float
-        Relative error (see `errors`) by outcome: `SAFETY` times the largest of the calibration
-        cases, or more if `with_errors` raised it to that of other cases.
+        Relative error (see `errors`) by outcome, of at least one: `SAFETY` times the largest of the
+        calibration cases, or more if `with_errors` raised it to that of other cases.
     cases : int
         Number of calibration cases that reached their end.
     positions : frozenset of str
         Outcomes that need not converge with the step: times and positions of extremes, and
-        contact. They have errors too, but do not count in ``worst`` and ``met``.
+        contact. They have errors too, but do not count in ``unmet`` and ``met``, and in ``worst``
+        only if there are no others.
     history : float or None
         Relative error of stored histories, which are interpolated between the ends of steps; None
         without histories.
@@ -353,9 +354,19 @@ class AchievedAccuracy:
 
     @property
     def met(self) -> bool:
-        """True if the error of `worst` is at most the requested accuracy, and calibration cases
-        reached their end."""
-        return self.cases > 0 and self.worst[1] <= self.asked
+        """True if calibration cases reached their end, and no outcome is `unmet`."""
+        return self.cases > 0 and not self.unmet
+
+    @property
+    def unmet(self) -> dict[str, float]:
+        """Relative error, by name, of each outcome whose error is not at most the requested
+        accuracy, without those in `positions`; the largest error first."""
+        names = [
+            name
+            for name, error in self.errors.items()
+            if name not in self.positions and not error <= self.asked  # also NaN
+        ]
+        return {name: self.errors[name] for name in sorted(names, key=lambda n: -self.errors[n])}
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
         """Return a copy in which the error of each outcome is the larger of its own and that in

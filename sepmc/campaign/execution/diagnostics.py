@@ -321,18 +321,13 @@ def accuracy_notes(achieved: AchievedAccuracy, fixed: bool) -> list[str]:
         ]
     if fixed or achieved.met:
         return []
-    unmet = {
-        name: error
-        for name, error in achieved.errors.items()
-        if name not in achieved.positions and error > achieved.asked
-    }
-    names = sorted(unmet, key=lambda name: -unmet[name])
-    shown = ", ".join(f"{name} {unmet[name]:.1e}" for name in names[:_MAX_NAMES]) + (
-        ", ..." if len(names) > _MAX_NAMES else ""
+    unmet = list(achieved.unmet.items())
+    shown = ", ".join(f"{name} {error:.1e}" for name, error in unmet[:_MAX_NAMES]) + (
+        ", ..." if len(unmet) > _MAX_NAMES else ""
     )
     return [
         f"the requested accuracy {achieved.asked:g} is not met: error up to "
-        f"{achieved.worst[1]:.1e} of the size of an outcome, or of its sigma if larger ({shown}); "
+        f"{unmet[0][1]:.1e} of the size of an outcome, or of its sigma if larger ({shown}); "
         "give a larger solver.accuracy, look at what these outcomes have in common, "
         "or give a shorter solver.step_s"
     ]
