@@ -5,6 +5,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -173,22 +174,36 @@ def energy(spring: Spring) -> float:
 def _of_table(table: ForceTable | None, extension: Array) -> Array | float:
     """Integral of the force of a table from extension 0 to each ``extension`` (n,), J (n,); the
     force is constant beyond the rows. 0 without a table."""
+    if table is None:
+        return 0.0
+    (first, *_, last), force = table.extension, table.force
+    start = max(first, 0.0)
+    integral = _interpolant(table).antiderivative()
+    within = integral(np.clip(extension, start, last)) - integral(start)
+    before, beyond = np.minimum(extension, start), np.maximum(extension - last, 0.0)
+    return np.asarray(force[0] * before + within + force[-1] * beyond)
+
+
+def force_of_table(table: ForceTable | None, extension: Array) -> Array:
+    """Force of a table at each ``extension`` (n,) while it grows, N (n,); constant beyond the rows.
+    Zeros without a table."""
+    if table is None:
+        return np.zeros(len(extension))
+    within = np.clip(extension, table.extension[0], table.extension[-1])
+    return np.asarray(_interpolant(table)(within))
+
+
+def _interpolant(table: ForceTable) -> Any:
+    """Interpolant (scipy) of the force of a table, N, over extension, m, between its rows."""
     from scipy.interpolate import (  # noqa: PLC0415  (few scenes need it)
         CubicSpline,
         PchipInterpolator,
         make_interp_spline,
     )
 
-    if table is None:
-        return 0.0
     makers = {"cubic": CubicSpline, "monotone": PchipInterpolator}
     make = makers.get(table.interpolation, functools.partial(make_interp_spline, k=1))
-    (first, *_, last), force = table.extension, table.force
-    start = max(first, 0.0)
-    integral = make(table.extension, force).antiderivative()
-    within = integral(np.clip(extension, start, last)) - integral(start)
-    before, beyond = np.minimum(extension, start), np.maximum(extension - last, 0.0)
-    return np.asarray(force[0] * before + within + force[-1] * beyond)
+    return make(table.extension, table.force)
 
 
 def budget_lines(scene: Scene) -> Iterator[str]:

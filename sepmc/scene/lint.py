@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import msgspec
 import numpy as np
 
+from sepmc.scene.budget import force_of_table
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.kinds import axial_offset, mass_centres
 from sepmc.scene.lint_aerodynamics import lint_aerodynamics
@@ -23,6 +24,7 @@ _FASTEST, _HIGHEST, _LOWEST = 13_000.0, 2e6, -500.0  # m/s, m, m
 _HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
 _SCALE_HEIGHT, _GROUND_DENSITY = 7_000.0, 1.225
 _PULL = 0.05  # of its initial force: pull of a pusher at the end of its stroke
+_EXTENSIONS = 2001  # of a stroke, at which the pull of a pusher is calculated
 _AGAINST = -0.5  # cosine below which a spring pushes its second body toward the first
 # offset of two mass centres along a joint axis, relative to their distance, that is nearly zero
 _LEVEL = 0.02
@@ -284,13 +286,14 @@ def _springs(scene: Scene) -> Iterator[str]:
 
 
 def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each spring that pushes at first but pulls at the end of its stroke,
-    nominally or with one number at an end of its distribution. Only force, stiffness and stroke
-    count, not the table; springs with ``push_only`` or without a stroke are left out."""
+    """Yield a sentence on each spring that pushes at first but pulls before the end of its stroke,
+    nominally or with one number at an end of its distribution. Force, stiffness, table and stroke
+    count, not damping; springs with ``push_only`` or without a stroke are left out."""
     by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
         key_path = f"spring.{spring.name}"
-        if spring.push_only or spring.force <= 0.0 or math.isinf(spring.stroke):
+        initial = spring.force + float(force_of_table(spring.table, np.zeros(1))[0])
+        if spring.push_only or initial <= 0.0 or math.isinf(spring.stroke):
             continue
         nominal = {"force": spring.force, "stiffness": spring.stiffness, "stroke": spring.stroke}
         tries: list[tuple[str, dict[str, float]]] = [("", nominal)]
@@ -300,13 +303,19 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
                 worst = dispersion.reach[end] * dispersion.parameter.factor
                 tries.append((f", at an end of its distribution for {key}", nominal | {key: worst}))
         for where, of in tries:
-            pull = of["stiffness"] * of["stroke"] - of["force"]
-            if pull > _PULL * spring.force:
+            extension = np.linspace(0.0, of["stroke"], _EXTENSIONS)
+            table = force_of_table(spring.table, extension)
+            pulls = of["stiffness"] * extension - of["force"] - table
+            at = int(np.argmax(pulls))
+            pull = pulls[at]
+            if pull > _PULL * initial:
+                key = "stroke_m" if at == _EXTENSIONS - 1 else "extension"
+                of_table = f", with {table[at]:.4g} N of its table" if spring.table else ""
                 yield (
                     f"{key_path} pulls with {pull:.4g} N before its stroke is over{where}: "
                     f"force_N = {of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} "
-                    f"times stroke_m = {of['stroke']:.4g}; give push_only = true if it cannot "
-                    "pull, and factor = 0 to one that fails"
+                    f"times {key} = {extension[at]:.4g}{of_table}; give push_only = true if "
+                    "it cannot pull, and factor = 0 to one that fails"
                 )
                 break
 

@@ -188,6 +188,13 @@ def test_weights_that_do_not_add_up(weights, message):
 PUSHER = "spring.upper_left"
 
 
+def table(*force):
+    """Settings of a force table of the pusher, with rows evenly over its stroke."""
+    extension = np.linspace(0.0, 0.1, len(force)).tolist()
+    rows = {"extension_m": extension, "force_N": list(force), "interpolation": "linear"}
+    return {f"{PUSHER}.table": rows}
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -198,11 +205,19 @@ PUSHER = "spring.upper_left"
         ),
         ({f"dispersion.{PUSHER}.factor": {"discrete": [1.0, 0.0], "weights": [0.99, 0.01]}}, None),
         ({f"{PUSHER}.stiffness_N_per_m": 60_000.0, f"{PUSHER}.push_only": True}, None),
+        ({f"{PUSHER}.stiffness_N_per_m": 12_000.0, **table(0.0, 900.0)}, None),
+        (table(0.0, -900.0), "= 6000 times stroke_m = 0.1, with -900 N of its table"),
+        (table(0.0, -900.0, 0.0), "= 6000 times extension = 0.05, with -900 N of its table"),
+        (
+            {f"{PUSHER}.force_N": 0.0, f"dispersion.{PUSHER}.force_N": None} | table(2000.0, 0.0),
+            "pulls with 600 N before",
+        ),
     ],
 )
 def test_a_pusher_that_pulls(settings, message):
     """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness;
-    failed by its factor, as it should be; and one that cannot pull."""
+    failed by its factor, as it should be; one that cannot pull; a table that keeps one from it;
+    tables that make it pull, at the end and in between; and one that pushes by its table alone."""
     results = [
         one for one in file_notes(loaded("spring-pushers", settings)) if " pulls with " in one
     ]
