@@ -6,6 +6,7 @@ such as deflections, are not.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -72,13 +73,14 @@ def read_daveml(
     functions = [_function(each, root, variables) for each in root.all("function")]
     named = _named(options.get("columns"), variables)
     chosen = {variable: key for key, (variable, _) in named.items()}
+    quantities = {split_unit(key)[0] for key in named}
     axes = {
         variable: axis
         for variable, element in variables.items()
         for axis, quantity in AXES.items()
         if split_unit(chosen.get(variable, ""))[0] == axis
         or (
-            variable not in chosen
+            not {variable, axis} & {*chosen, *quantities}
             and {plain(element.attributes.get("name", "")), plain(variable)} & {*quantity.names}
         )
     }
@@ -98,6 +100,8 @@ def read_daveml(
             "has no table over Mach number, alpha and beta alone; name its variables by columns"
             + (f"; tables: {known}" if functions else "")
         )
+    readable = usable
+    usable = _chosen(readable, variables, chosen, quantities)
     table, titles = _long_table(usable, variables, axes)
     columns = {
         key: {"column": titles[variable], "scale": scale}
@@ -119,7 +123,9 @@ def read_daveml(
     tree["interpolation"] = "linear"
     understood.append("linear between the rows, as DAVE-ML means it")
     understood += signs
-    left = [each.result for each in functions if each not in usable]
+    if others := [each.result for each in readable if each not in usable]:
+        understood.append(f"not read, as columns names others: {', '.join(others)}")
+    left = [each.result for each in functions if each not in readable]
     if left:
         understood.append(f"not read, as of other variables or in formulas: {', '.join(left)}")
     computed = [
@@ -130,6 +136,30 @@ def read_daveml(
     if computed:
         understood.append(f"NOT in the table, as they follow from formulas: {', '.join(computed)}")
     return tree, understood
+
+
+def _chosen(
+    functions: list[_Function],
+    variables: dict[str, Element],
+    chosen: Collection[str],
+    quantities: Collection[str],
+) -> list[_Function]:
+    """Return the functions without those of a coefficient for which the option ``columns`` names
+    another variable: ``chosen`` are the varIDs and ``quantities`` the coefficients and axes that it
+    names. Raises FormatError if two of the others give one coefficient."""
+    kept, coefficients = [], set[str]()
+    for each in functions:
+        title = _title(variables[each.result])
+        name = "" if each.result in chosen else coefficient_of(title)
+        if name in coefficients:
+            raise FormatError(
+                f"line {each.element.line}: another function gives {title} too: choose by "
+                f"columns.{name}"
+            )
+        if name not in quantities:
+            kept.append(each)
+            coefficients |= {name} - {""}
+    return kept
 
 
 def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, float]]:
@@ -275,7 +305,7 @@ def _long_table(
     functions: list[_Function], variables: dict[str, Element], axes: dict[str, str]
 ) -> tuple[TextTable, dict[str, str]]:
     """Evaluate all functions on one grid, which has all their points. Raises FormatError if two
-    variables are the same axis, two columns have the same title, or the grid is too large.
+    variables are the same axis, two functions give one variable, or the grid is too large.
 
     Linear interpolation on this finer grid gives the same values. Beyond its own points a function
     has the value at its end.
@@ -324,10 +354,11 @@ def _long_table(
             for name, ends in zip(each.variables, each.points, strict=True)
         ]
         title = _title(variables[each.result])
-        if title in columns:
+        if each.result in titles:
             raise FormatError(
                 f"line {each.element.line}: another function gives {title} too: leave one out"
             )
+        title = f"{title} ({each.result})" if title in columns else title
         titles[each.result] = title
         columns[title] = table(np.stack(at, axis=-1)).ravel()
     return TextTable(columns), titles

@@ -42,7 +42,7 @@ _SMALL = {
     "ca": "axial", "cy": "side", "cm": "pitch", "cll": "roll", "cln": "yaw", "cmq": "pitch_q",
     "clp": "roll_p", "cnr": "yaw_r", "cd": "drag",
 }  # fmt: skip
-_TWO_MEANINGS = {"cn": "CN (normal) or Cn (yaw)", "cl": "CL (lift) or Cl (roll)"}
+_TWO_MEANINGS = {"cn": {"normal": "CN", "yaw": "Cn"}, "cl": {"lift": "CL", "roll": "Cl"}}
 _CELLS = 100_000
 
 
@@ -131,17 +131,18 @@ def _coefficients(columns: Columns) -> dict[str, np.ndarray]:
         ):
             continue
         bare = split_header(title, "")[0].strip()
-        if bare not in _EXACT and plain(bare) in _TWO_MEANINGS:
-            meanings = _TWO_MEANINGS[plain(bare)]
+        meanings = _TWO_MEANINGS.get(plain(bare), {}) if bare not in _EXACT else {}
+        if meanings.keys() - columns.named.keys():
+            both = " or ".join(f"{short} ({name})" for name, short in meanings.items())
             raise FormatError(
-                f"column {title} has two meanings: write {meanings}, or name it by columns"
+                f"column {title} has two meanings: write {both}, or name it by columns"
             )
         name = coefficient_of(title)
-        if not name:
+        if not name or name in columns.named:
             left.append(title)
         elif name in values:
             raise FormatError(
-                f"has two columns of {name}; one of them is {title}: leave one out of the file"
+                f"has two columns of {name}; one of them is {title}: choose by columns.{name}"
             )
         else:
             values[name] = numbers

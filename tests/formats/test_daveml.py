@@ -199,6 +199,31 @@ def test_faults_are_named(tmp_path, change, reason):
         read_daveml(path, {})
 
 
+@pytest.mark.parametrize("title", ["CM", "Cm"])
+def test_one_of_two_functions_of_a_coefficient_is_chosen(tmp_path, title):
+    """Of one title, or of two that mean the same; and both as two coefficients."""
+    parts = [points("a", "CM", "al", "-1 1", "1 -1"), points("b", title, "al", "-1 1", "2 -2")]
+    with pytest.raises(FormatError, match=r"too: choose by columns\.pitch"):
+        read(tmp_path, *parts)
+    table, understood = read(tmp_path, *parts, columns={"pitch": "b"})
+    assert_allclose(table["pitch"], [2.0, -2.0])
+    assert "not read, as columns names others: a" in understood
+    table, _ = read(tmp_path, *parts, columns={"pitch": "b", "yaw": "a"})
+    assert_allclose([table["pitch"], table["yaw"]], [[2.0, -2.0], [1.0, -1.0]])
+
+
+def test_one_of_two_variables_of_an_axis_is_chosen(tmp_path):
+    parts = [
+        '<variableDef name="alpha" varID="a2" units="deg"/>',
+        points("a", "CM", "al", "-1 1", "1 -1"),
+        points("b", "CN", "a2", "-2 2", "2 -2"),
+    ]
+    with pytest.raises(FormatError, match="al and a2 are both alpha: choose one by columns"):
+        read(tmp_path, *parts)
+    table, _ = read(tmp_path, *parts, columns={"alpha": "a2"})
+    assert (table["alpha_deg"], table.get("pitch")) == ([-2.0, 2.0], None)
+
+
 def test_unknown_keys_of_columns_are_refused(tmp_path):
     """Of the table of one variable, and a coefficient, also if its variable is not read."""
     table = points("cm", "CM", "al", "-1 1", "1 -1")

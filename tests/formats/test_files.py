@@ -175,6 +175,20 @@ def test_a_scale_that_is_no_finite_number_is_refused(tmp_path, scale):
     assert "columns.thrust_N: must be the title of a column, or" in text
 
 
+def test_one_of_two_columns_of_a_coefficient_is_chosen():
+    table = parse_table("alpha_deg,CA,cn,C_A,x\n0,1,3,2,4\n5,1,3,2,4\n")
+    with pytest.raises(FormatError, match=r"column cn has two meanings: write CN \(normal\) or Cn"):
+        deck_of(table, {"normal": "x"})
+    both = {"normal": "x", "yaw": "x"}
+    with pytest.raises(
+        FormatError, match=r"two columns of axial; .* C_A: choose by columns\.axial"
+    ):
+        deck_of(table, both)
+    tree, understood = deck_of(table, both | {"axial": "C_A"})
+    assert (tree["axial"], tree["normal"]) == ([2.0, 2.0], [4.0, 4.0])
+    assert "not read: CA, cn" in understood
+
+
 FILES_WITH_COLUMNS = [
     (read_thrust, "time_s,x\n0,1\n1,2\n", "thrust_N"),
     (read_deck, "mach,x\n0.5,1\n0.9,2\n", "axial"),
