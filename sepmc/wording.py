@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _commands = 0  # nested commands that are running
+_never_overwriting = 0  # nested calls that are running and cannot overwrite
 
 
 @contextmanager
@@ -18,6 +19,18 @@ def on_command_line() -> Iterator[None]:
         yield
     finally:
         _commands -= 1
+
+
+@contextmanager
+def never_overwriting() -> Iterator[None]:
+    """Context of a command or function without the option ``overwrite``: in it `another_place` does
+    not advise that."""
+    global _never_overwriting  # noqa: PLW0603
+    _never_overwriting += 1
+    try:
+        yield
+    finally:
+        _never_overwriting -= 1
 
 
 def option(name: str, value: object = "") -> str:
@@ -42,8 +55,10 @@ def setting(path: str, value: object) -> str:
 
 
 def another_place() -> str:
-    """Return the advice, for messages, to overwrite a folder with other content or choose
-    another."""
+    """Return the advice, for messages, to overwrite a folder with other content or choose another;
+    only the latter in `never_overwriting`."""
+    if _never_overwriting:
+        return f"use another {option('out')}"
     return f"use {switch('overwrite')} or another {option('out')}"
 
 

@@ -11,6 +11,7 @@ from sepmc.campaign.result import Result
 from sepmc.campaign.run_options import RunOptions
 from sepmc.scene.messages import InputError, Log
 from sepmc.scene.scenarios import BASELINE
+from sepmc.wording import never_overwriting
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
@@ -102,7 +103,8 @@ def run_scenarios(
         folder = None if out is None else out / name
         started = resume and folder is not None and folder.exists()
         options = RunOptions(announce=announce, progress=report, resume=started)
-        results[name] = one.run(cases, seed, threads, folder, options=options)
+        with never_overwriting():
+            results[name] = one.run(cases, seed, threads, folder, options=options)
     titles = {BASELINE: campaign.file.title}
     titles |= {one.name: one.title for one in campaign.file.scenarios}
     return ScenarioRuns(results, titles)

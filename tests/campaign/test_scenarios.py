@@ -7,10 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import run_interpreted
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.scenarios import run_scenarios
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
@@ -227,6 +229,21 @@ def test_an_interrupted_command_is_resumed(table2_tree, tmp_path, monkeypatch):
     assert "has no run of the scenarios to resume" in nothing.output
     unnamed = CliRunner().invoke(main, [*words[:-1], "--resume"])
     assert "--resume needs --out" in unnamed.output
+
+
+def test_scenarios_of_another_seed_or_campaign_advise_another_folder(table2_tree, tmp_path):
+    """And not to overwrite, which neither the command nor the function can."""
+    one, out = campaign(table2_tree, WEAK), tmp_path / "runs"
+    (tmp_path / "one.toml").write_text(one.file.toml, encoding="utf-8")
+    with run_interpreted(cases=1):
+        one.run(cases=1, out=out / "baseline")
+    words = ["scenarios", tmp_path / "one.toml", "--cases", 1, "--out", out, "--resume"]
+    for more in (["--seed", 5], ["--set", "run.end_time_s=1.0"]):
+        result = CliRunner().invoke(main, [str(word) for word in (*words, *more)])
+        assert result.exit_code == 2
+        assert "cannot be continued; use another --out" in result.stderr
+    with pytest.raises(StoreError, match="cannot be continued; use another out"):
+        run_scenarios(one, 1, 5, out=out, resume=True)
 
 
 def test_a_campaign_without_scenarios_is_refused(table2_tree):

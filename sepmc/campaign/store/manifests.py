@@ -275,7 +275,7 @@ def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
                     f"{path}: was run with {difference} of {folders.MANIFEST}",
                     repairable=not is_recorded_shard,
                     advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: restore "
-                    "those of the run of these cases, or run with --overwrite or another --out",
+                    f"those of the run of these cases, or {another_place()}",
                 )
             )
     return findings
