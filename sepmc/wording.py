@@ -87,6 +87,12 @@ def flying_again(folder: Path, file: str | None = None) -> str:
     return f'sepmc.load("{file or folder}").run(out="{folder}", resume=True)'
 
 
+def count_cases(count: int, separator: str = "") -> str:
+    """Return a number of cases in words: ``1 case``, ``12 cases``. ``separator`` is "," or "_" to
+    separate thousands."""
+    return f"{count:{separator}} case{'' if count == 1 else 's'}"
+
+
 def to_words(name: str, unit: str = "") -> str:
     """Return the name of a column in words, without the suffix for its unit:
     ``separation_speed_m_s`` with the unit ``m/s`` becomes "separation speed"."""

@@ -12,6 +12,7 @@ from sepmc.analysis.proportions import CONFIDENCE, binomial_interval, upper_boun
 from sepmc.analysis.statistics import OK, PERCENTILES, REFERENCED
 from sepmc.schema import is_yes_or_no
 from sepmc.text_table import text_table
+from sepmc.wording import count_cases
 
 WIDTH = 118  # default width of tables, in characters
 # 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two extreme values
@@ -167,7 +168,8 @@ def render_counts(counts: Mapping[str, int], width: int) -> str:
     ``width`` characters; ``counts`` is from `status_counts`."""
     total, ok = sum(counts.values()), counts.get(OK, 0)
     others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)
-    return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), width)
+    left_out = f"; left out: {others}" if others else ""
+    return fill(f"{count_cases(total)}, {ok} ok{left_out}", width)
 
 
 def _are_proportions(stats: pd.DataFrame) -> np.ndarray:

@@ -54,6 +54,7 @@ from sepmc.scene.messages import InputError, Log, Problems, RunWarning, warn
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.scene.scenarios import Scenario, scenario_tree
 from sepmc.scene.symbols import Function, with_load
+from sepmc.wording import count_cases
 
 
 def load(
@@ -120,7 +121,7 @@ class Campaign(Definition):
         return (
             f"<Campaign {self.name}: {len(scene.body)} bodies, {len(scene.joint)} joints, "
             f"{len(scene.phase)} phases; {len(self.file.dispersions)} dispersed parameters, "
-            f"{self.numbers.count} cases, seed {scene.run.seed}>"
+            f"{count_cases(self.numbers.count)}, seed {scene.run.seed}>"
         )
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
@@ -480,8 +481,8 @@ class Campaign(Definition):
         n_left = remaining.count
         if announce:
             announce(
-                f"{self.name}: {self.file.title or 'no title'}; {numbers.count} cases, seed {seed}"
-                + (f", into {folder}" if folder else "")
+                f"{self.name}: {self.file.title or 'no title'}; {count_cases(numbers.count)}, "
+                f"seed {seed}" + (f", into {folder}" if folder else "")
             )
         keep = options.keep
         if folder and (not stats_only or (keep and ALL in keep.rules)):

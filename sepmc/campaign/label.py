@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sepmc.wording import count_cases
+
 _MAX_SETTINGS = 4  # settings shown; beyond, their number
 _MAX_LENGTH = 48  # characters of a value
 _DEFAULT_SAMPLER = "random"  # sampler
@@ -13,7 +15,7 @@ _IN_TITLE = ("run.cases", "run.seed", "run.sampler")  # settings that titles nam
 def of_run(manifest: Mapping[str, Any]) -> str:
     """Return the title of a run from its manifest: campaign, number of cases, seed and, unless it
     is random, sampler; a second line has the settings, if any."""
-    text = f"{manifest['campaign']}, {manifest['cases']:,} cases, seed {manifest['seed']}"
+    text = f"{manifest['campaign']}, {count_cases(manifest['cases'], ',')}, seed {manifest['seed']}"
     sampler = manifest.get("sampler", _DEFAULT_SAMPLER)
     if sampler != _DEFAULT_SAMPLER:
         text += f", sampler {sampler}"

@@ -12,6 +12,7 @@ from sepmc.cli.figures import draw_figures
 from sepmc.cli.options import QUIET, RUN
 from sepmc.cli.render import logger
 from sepmc.cli.results import exit_code
+from sepmc.wording import count_cases
 
 if TYPE_CHECKING:
     from sepmc.campaign.store.manifests import Finding
@@ -92,7 +93,7 @@ def _repair(folder: Path, findings: "Sequence[Finding]", log: "Log") -> int:
         )
         manifests.record_derived(folder, drawn)
     exit_code(run, must_pass=False)
-    log(f"{folder}: {n_run} cases run again{', figures drawn again' if figures else ''}")
+    log(f"{folder}: {count_cases(n_run)} run again{', figures drawn again' if figures else ''}")
     if lost := manifests.forget_damaged(folder, _FIGURES + _TABLES):
         log(
             f"not made again: {', '.join(lost)}; to make them: sepmc plot, sensitivity, fit or "

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sepmc.wording import count_cases
+
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.case_selection import CaseSelection
@@ -40,7 +42,8 @@ def show_forecast(
     seed = run.seed if seed is None else seed
     which = "" if selection.are_first else f" ({selection})"
     click.echo(
-        f"{campaign.name}: {n} cases{which}, seed {seed}, sampler {run.sampler}, into {folder}"
+        f"{campaign.name}: {count_cases(n)}{which}, seed {seed}, sampler {run.sampler}, "
+        f"into {folder}"
     )
     inputs, outcomes = len(campaign.input_columns), len(campaign.outcome_columns)
     audits = len(campaign.result_columns) - outcomes
@@ -53,7 +56,8 @@ def show_forecast(
         disk += f" and {size_text(n * need.history)} of histories" if separation else ""
     click.echo(f"  disk      {disk}")
     click.echo(
-        f"  memory    {size_text(need.memory_bytes)}, in chunks of {min(n, need.shard_size)} cases"
+        f"  memory    {size_text(need.memory_bytes)}, in chunks of "
+        f"{count_cases(min(n, need.shard_size))}"
     )
     missing, units = units_to_compile(kernel_text(campaign, history=bool(separation)))
     if missing:
@@ -70,7 +74,7 @@ def show_forecast(
     case_s, timed = _time_per_case(campaign, integration, selection, seed, total, separation)
     click.echo(
         f"  time      {time_text(calibration_s)} of calibration cases, then "
-        f"{time_text(n * case_s)}: {1e6 * case_s:.3g} us a case, measured on {timed} cases"
+        f"{time_text(n * case_s)}: {1e6 * case_s:.3g} us a case, measured on {count_cases(timed)}"
     )
 
 

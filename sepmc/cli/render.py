@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.text_table import text_table
+from sepmc.wording import count_cases
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
@@ -65,7 +66,7 @@ def render_timing(result: "Result") -> str:
     """Return a line of text: the number of cases of a run, and the seconds that each stage took."""
     total = sum(result.status_counts.values())
     n_run = f", {total - result.resumed} of them run now" if result.resumed else ""
-    return f"{total} cases{n_run}: " + ", ".join(
+    return f"{count_cases(total)}{n_run}: " + ", ".join(
         f"{_STAGES.get(stage, stage)} {seconds:.3f} s" for stage, seconds in result.timing.items()
     )
 

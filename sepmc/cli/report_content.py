@@ -54,6 +54,7 @@ from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.scene.scenarios import BASELINE
 from sepmc.schema import Status, is_yes_or_no
+from sepmc.wording import count_cases
 
 # files beside the run of a campaign with scenarios: title, a line, and columns
 _BESIDE = (
@@ -149,14 +150,15 @@ def _content(
     return page.ReportContent(
         name=campaign.name,
         title=campaign.file.title,
-        facts=f"{campaign.name}, {manifest['cases']:,} cases, seed {manifest['seed']}, sampler "
-        f"{campaign.scene.run.sampler}; run {last['finished'][:10]} by sepmc {last['sepmc']}; "
-        f"campaign {manifest['digest']}{of_settings(campaign.settings).replace(chr(10), '; ')}",
+        facts=f"{campaign.name}, {count_cases(manifest['cases'], ',')}, seed {manifest['seed']}, "
+        f"sampler {campaign.scene.run.sampler}; run {last['finished'][:10]} "
+        f"by sepmc {last['sepmc']}; campaign {manifest['digest']}"
+        f"{of_settings(campaign.settings).replace(chr(10), '; ')}",
         notes=[*manifest.get("notes", ()), *redundant(campaign)],
         verdicts=run.verdicts,
         counts=render_counts(counts, _WIDTH),
         failures=[
-            f"{count} cases {label}: {sentences.get(label, '')}"
+            f"{count_cases(count)} {label}: {sentences.get(label, '')}"
             for label, count in counts.items()
             if count and label != Status.OK.label
         ],

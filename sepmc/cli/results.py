@@ -9,6 +9,7 @@ import click
 
 from sepmc.cli.exits import FAILED, INVALID, first_fault
 from sepmc.cli.render import for_screen, render_accuracy, screen_width, show, warn
+from sepmc.wording import count_cases
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,7 +69,7 @@ def show_results(
         if label != Status.OK.label and count:
             cases = run.summary.failed[label]
             first = ", ".join(map(str, cases)) + (", ..." if count > len(cases) else "")
-            log(f"{count} cases {label}: {sentences.get(label, '')} (case {first})")
+            log(f"{count_cases(count)} {label}: {sentences.get(label, '')} (case {first})")
     total, ok = sum(counts.values()), counts.get(Status.OK.label, 0)
     if 0 < ok < _FEW_OK * total:
         warn(f"statistics leave out {total - ok} of {total} cases, which did not complete")

@@ -16,6 +16,7 @@ from sepmc.cli.options import (
     out_file_option,
     overwrite_option,
 )
+from sepmc.wording import count_cases
 
 if TYPE_CHECKING:
     from sepmc.campaign.case_selection import CaseSelection
@@ -74,4 +75,4 @@ def sample(
     else:
         columns = [Column("case", "1", "number of the case"), *inputs]
         shards.write_parquet(path, columns, {c.name: table[c.name].to_numpy() for c in columns})
-    click.echo(f"wrote {path}: {len(table)} cases, {len(inputs)} inputs")
+    click.echo(f"wrote {path}: {count_cases(len(table))}, {len(inputs)} inputs")

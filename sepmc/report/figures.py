@@ -27,7 +27,7 @@ from sepmc.report.style import (
     save,
     set_title,
 )
-from sepmc.wording import to_words
+from sepmc.wording import count_cases, to_words
 
 BANDS = (
     ("min", "max", "#dce9f5", "min to max"),
@@ -205,7 +205,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     ax.set(xlabel="time (s)", ylabel=label)
     ax.margins(x=0)
     quantity = label[: label.rfind(" (")]
-    cases = f"{len(numbers):,} cases"  # fewer than the campaign has, if some failed
+    cases = count_cases(len(numbers), ",")  # fewer than the campaign has, if some failed
     count = "" if f" {cases}" in about else f" of {cases}"
     set_title(figure, f"{quantity[:1].upper()}{quantity[1:]}{count}\n{about}")
     return save(figure, path)

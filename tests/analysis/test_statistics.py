@@ -340,7 +340,7 @@ def test_summary_text_of_few_cases(n):
     text = render_summary(
         statistics(cases, list(cases.columns[2:]), reference), status_counts(cases)
     )
-    assert text.startswith(f"{n} cases, {n} ok\n")
+    assert text.startswith(f"{n} {'case' if n == 1 else 'cases'}, {n} ok\n")
     assert max(map(len, text.splitlines())) <= 118
     assert "nan" not in text.lower()
     assert ("fewer than 741 values" in text) == (n > 0)

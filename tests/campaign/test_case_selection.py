@@ -423,6 +423,9 @@ def test_dry_run_writes_nothing(file, tmp_path):
     assert (code, folder.exists()) == (0, False), message
     assert "sprung: 1000 cases, seed 4, sampler random" in message
     assert "2 inputs" in message
+    one = command("campaign", file, "--cases", "1", "--out", folder, "--dry-run")[1]
+    assert "sprung: 1 case, seed 4" in one
+    assert "1 cases" not in one
     folder.mkdir()
     (folder / "mine").write_text("x", encoding="utf-8")
     for more in (["--out", folder], ["--until", "separation_speed_m_s:0"]):

@@ -9,7 +9,7 @@ from sepmc.campaign.execution.integration import history_rows
 from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.campaign.store.untrusted import StoreError
 from sepmc.paths import is_local
-from sepmc.wording import option, setting, switch
+from sepmc.wording import count_cases, option, setting, switch
 
 _SHARD_BYTES = 2**26  # bytes of histories and rows of a shard in memory, at most
 _SHARDS_IN_MEMORY = 3  # one is run, one waits, one is written
@@ -84,8 +84,8 @@ class Forecast:
             return ""
         disk = f", up to {size_text(max_bytes)} on disk" if on_disk else ""
         return (
-            f"about {time_text(time)} for {self.cases} cases ({1e6 * seconds:.3g} us each){disk}, "
-            f"{size_text(self.memory_bytes)} in memory"
+            f"about {time_text(time)} for {count_cases(self.cases)} ({1e6 * seconds:.3g} us each)"
+            f"{disk}, {size_text(self.memory_bytes)} in memory"
         )
 
 
