@@ -12,9 +12,11 @@ import contextlib
 import importlib.abc
 import importlib.machinery
 import math
+import re
 import sys
 from collections.abc import Iterator
 from functools import lru_cache, partial
+from itertools import repeat
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -28,6 +30,9 @@ _COPIED = ("sepmc.physics.", "sepmc.routines.")  # imported a second time
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, Kernel] = {}  # kernels, by their text
 _BETWEEN = "\n\n\n"  # two functions of a kernel
+# loops over components and, within, lanes (`Text.components`); index of their bodies
+_COMPONENTS = re.compile(r"for e in range\(0, (.+), LANES\):\n +for l in range\(LANES\):\n")
+_OF_COMPONENT = re.compile(r"\+ e\s+\+ l\b")
 
 
 class Numbers(list[Any]):
@@ -175,9 +180,11 @@ def _compiled(text: str, name: str) -> Any:
 
 @lru_cache(maxsize=2000)
 def _function_code(text: str) -> Any:
-    """Compile a function of a kernel, given by its source, with safe divisions. The code object is
-    cached, since similar scenes share most functions."""
-    return _compiled(text, "<kernel>")
+    """Compile a function of a kernel, given by its source, with safe divisions, and with one loop
+    in place of those over components and over the one lane. The code object is cached, since
+    similar scenes share most functions."""
+    joined = _COMPONENTS.sub(r"for e, l in zip(range(\1), _ZEROS):\n\n", text)
+    return _compiled(_OF_COMPONENT.sub("+ e", joined), "<kernel>")
 
 
 def _run_module(text: str, names: dict[str, Any]) -> None:
@@ -272,7 +279,7 @@ def load(text: str) -> Kernel:
     (`sepmc.engine.blocks.integrate`); the last one is cached."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
-        vars(module).update(_over=_over, _power=_power)
+        vars(module).update(_over=_over, _power=_power, _ZEROS=repeat(0))
         with _second_copies():
             _run_module(text, module.__dict__)
         for name, value in vars(module).items():

@@ -19,7 +19,7 @@ Checked in `tests/kernel/test_clearances.py` against dense scans.
 
 import math
 
-from sepmc.jit import formula, noinline, routine
+from sepmc.jit import noinline, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.rims import rim_gap
@@ -148,37 +148,22 @@ def _pose(theta, w, job, pose):
     job, and store it at w[pose]: the matrix from the axes of b to those of a (9), and the vector
     from the centre of mass of a to that of b, axes of a, m (3)."""
     noinline()
-    offset, a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+    x, y, z = 0.0, 0.0, 0.0
+    a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
+    b0, b1, b2, b3 = 0.0, 0.0, 0.0, 0.0
     for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
-        path = job + at.JOB_PATH + at.PATH * q
-        offset = _next_power(offset, theta, vec3.get(w, path))
-        a, b = _next_power4(a, theta, w, path + 3), _next_power4(b, theta, w, path + 7)
-    to, r = quat.matrix(quat.unit(a)), quat.matrix(quat.unit(b))
+        k = job + at.JOB_PATH + at.PATH * q
+        x, y, z = x * theta + w[k], y * theta + w[k + 1], z * theta + w[k + 2]
+        a0, a1 = a0 * theta + w[k + 3], a1 * theta + w[k + 4]
+        a2, a3 = a2 * theta + w[k + 5], a3 * theta + w[k + 6]
+        b0, b1 = b0 * theta + w[k + 7], b1 * theta + w[k + 8]
+        b2, b3 = b2 * theta + w[k + 9], b3 * theta + w[k + 10]
+    offset = (x, y, z)
+    to, r = quat.matrix(quat.unit((a0, a1, a2, a3))), quat.matrix(quat.unit((b0, b1, b2, b3)))
     for n in range(3):
         column = vec3.unrotate(to, (r[n], r[3 + n], r[6 + n]))
         w[pose + n], w[pose + 3 + n], w[pose + 6 + n] = column
     vec3.put(w, pose + 9, vec3.unrotate(to, offset))
-
-
-@formula
-def _next_power(total, theta, coefficient):
-    """One step of Horner's rule for vectors of 3: ``total`` times theta plus ``coefficient``."""
-    return (
-        total[0] * theta + coefficient[0],
-        total[1] * theta + coefficient[1],
-        total[2] * theta + coefficient[2],
-    )
-
-
-@formula
-def _next_power4(total, theta, w, k):
-    """One step of Horner's rule for tuples of 4: ``total`` times theta plus those at w[k]."""
-    return (
-        total[0] * theta + w[k],
-        total[1] * theta + w[k + 1],
-        total[2] * theta + w[k + 2],
-        total[3] * theta + w[k + 3],
-    )
 
 
 @routine
