@@ -119,13 +119,19 @@ def optimiser():
     print(f"differential evolution: {count / seconds:.0f} designs a second", flush=True)
 
 
-def again(name, file, before):
+def again(name, given, before):
     """Another seed in the same process, beside an earlier commit in turn."""
     checkouts = {"now": Path(__file__).parents[2]} | ({"before": before} if before else {})
     times = {which: [] for which in checkouts}
     for _ in range(REPEATS):
         for which, folder in checkouts.items():
+            file = given
             environment = os.environ | {"PYTHONPATH": str(folder)}
+            if which == "before" and name == "template":  # its own: keys may be new
+                file = Path(file).with_name("template-before.toml")
+                command = [sys.executable, "-P", "-m", "sepmc", "template", str(file)]
+                file.unlink(missing_ok=True)
+                subprocess.run(command, check=True, capture_output=True, env=environment)
             words = [sys.executable, "-P", "-c", AGAIN, str(file)]
             done = subprocess.run(
                 words, check=True, capture_output=True, text=True, env=environment
