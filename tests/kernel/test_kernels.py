@@ -757,6 +757,17 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
         assert f"def rates_phase{number}(w):" in text
 
 
+@pytest.mark.parametrize("name", ["table2", "missile-rail"])
+def test_kernels_with_and_without_histories_share_units(name):
+    """With joint loads, too: fields that only some kernels have are stored after all others."""
+    campaign = shipped(name).with_settings({"run.history_step_s": 0.0})
+    plain, other = (
+        {unit.text for unit in split(step_selection.kernel_text(campaign, history=history))}
+        for history in (False, True)
+    )
+    assert len(plain & other) >= 0.85 * len(plain)
+
+
 # -- machine code
 # --------------------------------------------------------------------------------------------------
 

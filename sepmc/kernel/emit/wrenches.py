@@ -94,8 +94,7 @@ def store_wrenches(s: State, motion: Motion) -> None:
     """Add lines to the scope of a state that store force, N, and moment, N m, on the second body of
     every monitored joint (`Context.monitored_joints`), in body axes of its first body, into the
     field WRENCH. ``motion`` is from `make_wrenches`."""
-    with s.c.workspace.optional():
-        s.c.workspace.add("WRENCH", s.c.node_size)
+    s.c.workspace.add("WRENCH", s.c.node_size, optional=True)
     for i, joint in enumerate(s.c.monitored_joints):
         r = s.attitude(s.spec.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):

@@ -172,12 +172,12 @@ class Workspace:
     @contextlib.contextmanager
     def optional(self) -> Iterator[None]:
         """Context manager: all fields that are added within it are optional, as by the argument
-        ``optional`` of `add`. It must not be nested."""
-        self._optional = True
+        ``optional`` of `add`."""
+        before, self._optional = self._optional, True
         try:
             yield
         finally:
-            self._optional = False
+            self._optional = before
 
     def has(self, name: str) -> bool:
         """True if a field of that name exists."""
