@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from sepmc.kernel.spec.packing import PER_RATE, REST
 from sepmc.report.poses import Poses
+from sepmc.scene.budget import force_of_table
 from sepmc.scene.model import GROUND, ForceTable, Load, Scene, Spring
 
 
@@ -91,15 +91,9 @@ def spring_forces(
 def _of_table(table: ForceTable, extension: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Return the force (n,), N, that a spring's table gives at an ``extension`` (n,), m; where its
     ``rate`` (n,), m/s, is negative by more than round-off, as the kernel takes it, times the return
-    factor. Beyond the table its end values count."""
-    points, values = np.array(table.extension), np.array(table.force)
-    within = np.clip(extension, points[0], points[-1])
-    kinds = {"cubic": CubicSpline, "monotone": PchipInterpolator}
-    if table.interpolation in kinds and len(points) > 1:
-        force = kinds[table.interpolation](points, values)(within)
-    else:
-        force = np.interp(within, points, values)
-    return np.asarray(force * np.where(rate < REST / PER_RATE, table.return_factor, 1.0))
+    factor."""
+    factor = np.where(rate < REST / PER_RATE, table.return_factor, 1.0)
+    return np.asarray(force_of_table(table, extension) * factor)
 
 
 def _line(
