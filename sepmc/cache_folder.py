@@ -1,5 +1,5 @@
-"""Choice of the cache folder of compiled code. Since its files are executed, only the user may be
-able to write it."""
+"""Choice of the cache folder of compiled code. Since its files are executed, only the owner of the
+folder may be able to write it: the user, or whoever owns the folder that SEPMC_CACHE_DIR names."""
 
 import atexit
 import os
