@@ -222,6 +222,8 @@ def _flag_graze(
 ) -> None:
     """Add lines to a scope that set UNEVEN (the case is simulated again at steps of its own) where
     a condition that was below zero at the previous step may have been met and left again since.
+    Lanes in which the condition is already flagged as met are left out, but not for kinks and
+    borders.
 
     ``value`` and ``rate`` are those of the condition now; the stored ones of the previous step are
     multiplied by ``side`` first. ``segment`` is the name of the segment.

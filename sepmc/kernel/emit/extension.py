@@ -28,7 +28,8 @@ def emit_extension(out: Text, c: Context) -> None:
 def _emit_make_extension(out: Text, c: Context) -> None:
     """Write the kernel function ``make_extension(w, phase, size)``, which evaluates the stages that
     only the extension needs, and stores the coefficients of the powers 1, 2, ... of the elapsed
-    fraction of the step into the field POWERS (after room for power 0, which is in BEGIN)."""
+    fraction of the step into the field POWERS (after room for power 0, which is in BEGIN).
+    ``phase`` is the number of the segment, ``size`` that of its state components, times LANES."""
     docstring = (
         "Coefficients of the state over the step just made, by powers of the elapsed fraction, "
         "into POWERS."

@@ -66,8 +66,9 @@ class FullSystem:
             self._add_joint(joint)
 
     def _add_body(self, body: str, force: Any, moment: Any) -> None:
-        """Add the equations of motion of a body, paper eqs (12), (13), without joint terms, from
-        its loads: ``force``, N, in ground axes, and ``moment``, N m, in body axes."""
+        """Add the equations of motion of a body, eqs (12), (13) of the paper that README cites,
+        without joint terms, from its loads: ``force``, N, in ground axes, and ``moment``, N m, in
+        body axes."""
         case, first = self.s.case, self.of_body[body]
         inertia, omega = case.inertia(body), self.s.rate(body)
         turning = vec3.sub(moment, vec3.cross(omega, vec3.rotate(inertia, omega)))
@@ -79,7 +80,8 @@ class FullSystem:
 
     def _add_wrench(self, joint: str) -> None:
         """Add the wrenches of a joint to the equations of motion of its bodies, and the equations
-        of action and reaction, paper eq (15): F_A + F_B = 0, M_A + M_B + d x F_B = 0."""
+        of action and reaction, F_A + F_B = 0 and M_A + M_B + d x F_B = 0 (eq (15) of the paper that
+        README cites), with d from the joint point of A to that of B."""
         s, first, pair = self.s, self.of_joint[joint], self.s.joint(joint)
         for end, (body, rho) in enumerate(
             zip(s.spec.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
@@ -105,8 +107,9 @@ class FullSystem:
 
     def _add_joint(self, joint: str) -> None:
         """Add one equation for each of the six degrees of freedom of a joint: its constraint rows,
-        and, for each free direction, that the component of the wrench on body B along it is zero,
-        paper eqs (24), (25). Where a row is inactive, its equation is such a zero component."""
+        and, for each free direction, that the component of the wrench on body B along it is zero
+        (eqs (24), (25) of the paper that README cites). Where a row is inactive, its equation is
+        replaced by one for such a zero component."""
         first, rows = (
             self.of_joint[joint],
             [row for row in self.rows.rows if row.row.joint == joint],
@@ -212,6 +215,6 @@ def _free_rotations(rows: list[JointRow]) -> list[Any]:
 
 
 def _perpendicular(along: Any) -> list[Any]:
-    """Two directions that are perpendicular to the direction ``along`` and to each other."""
+    """Two unit vectors that are perpendicular to the unit vector ``along`` and to each other."""
     one = vec3.perpendicular(along).called("perpendicular")
     return [one, vec3.cross(along, one)]

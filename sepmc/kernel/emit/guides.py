@@ -61,8 +61,9 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
-    """Friction force on the second body in the direction of separation per newton of pin load, at
-    the present sliding speed; 0 unless the pins may slide."""
+    """Friction force on the second body in the direction of separation (negative while the bodies
+    separate) per newton of the sum of all contact loads of the pins, at the present sliding speed;
+    0 while the pins of the joint cannot slide."""
     p, speed = s.case.joint(joint), s.separation(joint).rate
     friction = guides.friction_force(
         s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED)
@@ -175,9 +176,9 @@ def _guide_loads_min_norm(s: State, motion: Motion, joint: str) -> list[Any]:
 def _guide_components(
     s: State, joint: str, balance: Any, balanced: Ends, forces: Ends
 ) -> list[Any]:
-    """Vectors in the order of `guide_loads`, made from the sum of driving force and present
-    friction, ``balance``, N, the pin forces if friction balanced the driving force, ``balanced``,
-    and the present pin forces, ``forces``."""
+    """Result of `guide_loads`: the vector (driving force, 0, 0), then (0, y, z) for each of the pin
+    forces ``balanced`` (those if friction balanced the driving force), then for each of the present
+    pin forces ``forces``; N. ``balance`` is the driving force plus the present friction force."""
     friction = s.friction(joint)
     driving_force = balance if friction is None else balance - friction
     return [(driving_force, 0.0, 0.0), *((0.0, y, z) for y, z in (*balanced, *forces))]
@@ -232,7 +233,8 @@ def guide_outcomes(s: State) -> list[Any]:
     Returns
     -------
     list of Expr
-        for each output guide: sliding time, s; maximum load of each pin, N (NaN if it never slid);
+        for each output guide: sliding time, s; maximum load of each pin, at its hole entry or its
+        tip, N (NaN if the guide never slid);
         minimum friction coefficient that would have jammed it (NaN if there is none)
     """
     outcomes: list[Any] = []

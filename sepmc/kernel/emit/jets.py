@@ -159,8 +159,9 @@ def _selected(condition: Any, one: Any, other: Any) -> Any:
 
 
 def _is_still(x: Jet) -> bool:
-    """True if the rate of a jet is known to be 0 while the kernel is written and its second
-    derivative is not None: the value does not change, or its rates are not needed."""
+    """True if, while the kernel is written, the rate of a jet is the number 0 and its second
+    derivative is not None (unknown): the value is constant, or only the value is needed, since both
+    derivatives of such jets are 0 too."""
     return not isinstance(x.rate, Expr) and x.rate == 0.0 and x.second is not None
 
 

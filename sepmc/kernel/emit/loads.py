@@ -323,8 +323,8 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
     def thrust_level(elapsed: Expr) -> Expr:
-        """Thrust, N, at the time ``elapsed`` since ignition, s, with build-up, without the
-        profile."""
+        """Thrust, N, at the time ``elapsed`` since ignition, s, with build-up, but without the
+        profile, the end of the burn and the tail-off."""
         if not s.spec.may_occur(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full_thrust
         built = loads.building_up(full_thrust, rate, elapsed)

@@ -142,8 +142,9 @@ def _body(c: Context) -> Text:
 
 
 def _emit_optional(body: Text, c: Context) -> None:
-    """Write the kernel functions that only some outputs and histories need, since they use states
-    between the ends of steps."""
+    """Write the kernel functions that only some scenes, outputs or histories need: the continuous
+    extension, minimum-norm multipliers for joint loads, the monitoring of joint loads, clearances
+    and histories. They use states between the ends of steps."""
     if c.has_extension:
         emit_extension(body, c)
         for segment in filter(c.needs_wrenches, c.spec.segments):

@@ -22,9 +22,13 @@ _INITIAL = (0.0, math.nan, 0.0)  # at the start of a case: peak, its time, integ
 
 
 def emit_monitor(out: Text, c: Context) -> None:
-    """Write the kernel functions that monitor joint loads over the step just made: ``node_loads``,
-    which evaluates the loads at its nodes, and, where needed, ``wrenches_SEGMENT``,
-    ``stop_at_load_SEGMENT`` and ``monitor_loads``. Fields of peaks and guide outcomes are added."""
+    """Write the kernel functions that monitor joint loads over the step just made; add the fields
+    that they need (PEAKS, GUIDES, ...). No function is written if no segment has monitored loads.
+
+    ``wrenches_SEGMENT(w)`` stores the loads at one state, ``node_loads(w, phase)`` those at all
+    nodes of the step. ``stop_at_load_SEGMENT`` (only for segments with conditions on joint loads)
+    looks for load events within the step; ``monitor_loads`` (only if peaks or guide loads are
+    outputs) updates peaks, impulses and guide outcomes."""
     segments = {
         number: segment
         for number, segment in enumerate(c.spec.segments)

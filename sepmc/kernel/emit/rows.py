@@ -59,7 +59,8 @@ class JointRow:
 
 
 class Rows:
-    """Constraint rows of joints at a state: those of its segment, or the given ``rows``.
+    """Constraint rows of joints at a state: those of its segment, or the given ``rows``. The
+    attribute ``rows`` has them evaluated at the state (`JointRow`), in the same order.
 
     Bodies of a rigid group share its rotation; with ``per_body``, every body is treated as if it
     rotated by itself, and its name takes the place of the leader.

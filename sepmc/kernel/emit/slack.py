@@ -67,8 +67,8 @@ def slack_force(signals: Signals, kink: SlackKink) -> tuple[Jet, list[Any]]:
 
 def _number(signals: Signals, spring: Spring, i: int, key: str, slot: int) -> Jet:
     """Jet of the number ``key`` (such as "stiffness", SI) of a spring, number ``i`` of the scene
-    from 0: of the signal that gives it, if any, else of the parameter at the offset ``slot`` of the
-    spring's block."""
+    from 0: of the signal that gives it, if any (in SI), else of the parameter at the offset
+    ``slot`` of the spring's block, which is constant (both derivatives 0)."""
     s = signals.s
     drive = s.spec.scene.driven.get(f"spring.{spring.name}.{key}")
     if drive is None:

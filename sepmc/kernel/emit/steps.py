@@ -38,7 +38,7 @@ _BEYOND = 0.55
 
 
 def coefficient(rk: Method, kind: str, *numbers: int) -> str:
-    """Name of the kernel's constant for a coefficient of a method, such as DOP853_A_2_1.
+    """Name of the kernel's constant for a coefficient of a method, such as DOP853_A2_1.
 
     ``kind`` is A (stage matrix), B (weights), C (nodes), D (extension) or E (error weights);
     ``numbers`` are the indices of the coefficient, which count from 0, in the name from 1. Those of
@@ -493,8 +493,8 @@ def _finish_attitude(scope: Scope, c: Context, body: str) -> None:
 def _flag_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
     """Add lines to a scope that set WINDING_UNCLEAR to 1 if the number of full turns of a body's
     pitch or roll in a step is ambiguous (`sepmc.physics.quat.turns_unclear`). ``r`` is the rotation
-    matrix of the body and ``omega`` its rate at the end of the step; heading and rate are stored
-    for the next step."""
+    matrix of the body and ``omega`` its rate at the end of the step; the heading
+    (`sepmc.physics.quat.heading`) and the rate are stored for the next step."""
     c.workspace.add(f"HEADING_{body}", 4), c.workspace.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     heading_now = quat.heading(r).called("heading")

@@ -183,8 +183,9 @@ def _emit_force_tables(out: Text, text: Text, c: Context, segment: Segment) -> N
 
 
 def table_force(spring: str) -> str:
-    """Name of the workspace field of the force of a spring from its table, N. With unloading
-    (`has_unloading`) a second component is that force while the extension shrinks, else 0."""
+    """Name of the workspace field of the force of a spring from its table, N, without the return
+    factor. With unloading (`has_unloading`) the field has a second component: the same force while
+    the extension shrinks, 0 while it grows."""
     return f"TABLE_FORCE_{spring}"
 
 

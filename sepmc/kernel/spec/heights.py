@@ -22,8 +22,8 @@ _ROWS = 4.0
 
 
 def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
-    """Longest integration step that still samples every row of the tables of wind and air over
-    altitude: a step passes at most four rows.
+    """Longest integration step in which the vehicle passes at most four rows of a table of wind or
+    air over altitude, so that the stages of a step sample every row.
 
     Parameters
     ----------

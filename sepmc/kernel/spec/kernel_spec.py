@@ -409,8 +409,9 @@ class KernelSpec:
         )
 
     def in_layers(self, body: str) -> bool:
-        """True if the density around a body comes from the layers of the standard atmosphere,
-        expanded in a series about its height."""
+        """True if a body has aerodynamics in air of the US standard atmosphere 1976, whose density
+        within a layer is expanded in a series about a height near the body. False for other
+        atmospheres and in a vacuum."""
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
     def active_size(self, segment: Segment) -> int:

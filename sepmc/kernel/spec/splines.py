@@ -108,7 +108,7 @@ def _axis(points, ends):
 
 def _lines(points):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
-    linear interpolation, and the matrix, shape (coefficients, points), that maps tabulated values
+    linear interpolation, and the matrix, shape (points + 2, points), that maps tabulated values
     to coefficients: the values and two zeros."""
     widths = np.diff(points)
     pieces = np.zeros((len(widths), 4, 4))
@@ -118,8 +118,9 @@ def _lines(points):
 
 def _steps(points):
     """Return the numbers of one axis of a pack (number of spans, breaks, basis polynomials) for
-    steps (each value from its point up to the next one), and the matrix, shape (coefficients,
-    points), that maps tabulated values to coefficients: the values and three zeros."""
+    steps (each value from its point up to the next one, the last value without end: one span for
+    each point), and the matrix, shape (points + 3, points), that maps tabulated values to
+    coefficients: the values and three zeros."""
     pieces = np.zeros((len(points), 4, 4))
     pieces[:, 0, 0] = 1.0
     breaks = [*points, points[-1] + FAR]

@@ -13,8 +13,9 @@ from sepmc.scene.model import AeroTable, Scene, Spring
 
 
 def has_unloading(spring: Spring, dispersed: frozenset[str]) -> bool:
-    """True if, in some case, the force from a spring's table drops while its extension shrinks: its
-    return factor is not 1 or is among the paths ``dispersed``."""
+    """True if, in some case, the force from a spring's table is smaller while the extension shrinks
+    than while it grows: the table's return factor is not 1, or its path is in ``dispersed``. False
+    without a table."""
     return spring.table is not None and (
         spring.table.return_factor != 1.0 or unloading_path(spring.name) in dispersed
     )

@@ -204,8 +204,9 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
 
 def _count_samples(scene: Scene, dispersed: frozenset[str]) -> int:
     """Return an upper bound of the number of instants of a case at which any sampled signal takes
-    a sample, or begins to output one that it took earlier (`delay`). An interval or delay whose
-    path is in ``dispersed`` may have any value in a case."""
+    a sample, or begins to output one that it took earlier (`delay`). A signal whose sampling
+    interval is among the paths ``dispersed`` counts with the fixed maximum `_MANY_INTERVALS`; one
+    whose delay is among them counts as delayed."""
     count = 0
     for signal in scene.signal:
         if signal.sample is not None:
@@ -376,9 +377,10 @@ def _has_equal_rows(segment: Segment, late: Segment) -> bool:
 def _add_end(
     segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
-    """Set in ``segment`` what ends its phase: a time, a burn-out, or one condition on the state or
-    on a joint load. A phase without a condition ends with the run. ``dispersed`` has the paths of
-    the dispersed parameters (it decides only which springs have an end of stroke)."""
+    """Set in ``segment`` what ends its phase, for a phase with at most one condition (`_add_clauses`
+    for several): a time, a burn-out, or a condition on the state or on a joint load. A phase
+    without a condition ends with the run. ``dispersed`` has the paths of the dispersed parameters
+    (it decides only which springs have an end of stroke)."""
     until, path = phase.until, f"phase.{phase.name}.until"
     leaves = {leaf.path: (leaf, slot) for leaf, slot in _thresholds(layout, dispersed)}
     if until is None:
@@ -505,7 +507,7 @@ def brief_transient(scene: Scene) -> float:
     -------
     float
         s; a fraction of the end time of the run. Each interval takes the number of steps that is
-        chosen for the phase.
+        chosen for the phase, so a brief transient, as an interval of its own, takes that many.
     """
     return at.BRIEF / at.TRANSIENT * scene.run.end_time
 
