@@ -205,7 +205,8 @@ def _time_to_crossing(s: State, event: Event) -> Any:
 
 def _tolerance(c: Context, event: Event) -> Expr:
     """Largest distance from the threshold of an event, in its SI unit, at which the quantity counts
-    as at the threshold."""
+    as at the threshold: `_AT_THRESHOLD` times the magnitude of the threshold, or times 1 if that
+    is below 1."""
     return _AT_THRESHOLD * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
 
 

@@ -267,12 +267,12 @@ class State:
 
     def sliding(self, joint: str) -> Any:
         """Number that is 1 while the present kind of a joint lets its guide pins slide, else 0; the
-        known number 1.0 if all kinds possible in the segment do."""
+        known number 1.0 if all kinds possible in the segment do. At least one of them must."""
         return self.is_active(joint, self.segment.sliding_kinds(joint))
 
     def is_active(self, joint: str, kinds: tuple[int, ...]) -> Any:
-        """Number that is 1 while the present kind of a joint has one of the numbers ``kinds``, else
-        0; the known number 1.0 if these are all kinds possible in the segment."""
+        """Number that is 1 while the present kind of a joint has one of the numbers ``kinds`` (at
+        least one), else 0; the known number 1.0 if these are all kinds possible in the segment."""
         if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0
         kind, active = self.scope.load(f"KIND_{joint}"), None

@@ -94,9 +94,9 @@ def fit_curves(rk: Method) -> str:
 
 def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     """Write the kernel function ``fit_curves_METHOD(w, phase, size)``, which stores the polynomials
-    of the separations over the step just made by the method ``rk`` in segment number ``phase``,
-    with ``size`` numbers of the state, into the field CURVES; it uses the derivatives at the stages
-    of that step, which are still stored."""
+    of the separations over the step just made by the method ``rk`` in segment number ``phase`` into
+    the field CURVES; it uses the derivatives at the stages of that step, which are still stored.
+    ``size`` is the number of state components of the segment, times LANES."""
     text = out.function(
         f"{fit_curves(rk)}(w, phase: int, size: int)",
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",

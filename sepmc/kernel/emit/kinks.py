@@ -57,6 +57,9 @@ def time_to_kink(s: State, event: Event) -> tuple[Any, list[tuple[str, Any]]]:
     expression): value of the function, with the sign that makes it negative before the event, and
     its rate; the present time; the second rate; the mode of the next interval if the present one
     ends here; the start of the present interval.
+
+    Lines are added to the scope that end a case whose mode changes again and again at one instant
+    (status too-many-events), and set UNEVEN where the function leaves zero within an interval.
     """
     c, scope, kink = s.c, s.scope, event.item
     name, field = f"{s.segment.name}_{kink}", mode_field(kink)

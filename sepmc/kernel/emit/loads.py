@@ -302,8 +302,9 @@ def _power(x: Expr, n: int) -> Expr:
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     """Add the force and moment of a motor, number ``i`` of the scene from 0, to the load terms
-    ``acting`` of its body: the thrust with its build-up and, if loads switch, its profile and
-    tail-off."""
+    ``acting`` of its body: the thrust with its build-up and, if loads switch on or off within a
+    case (`KernelSpec.load_switches`), its ignition, profile, end of the burn and tail-off; if none
+    does, the motor burns from the start to the end of the case."""
     case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -404,7 +405,8 @@ def _weight(s: State, body: str) -> Any:
 
 def _spring(s: State, spring: Spring, i: int, loads_of: dict[str, _Loads]) -> None:
     """Add the force of a spring, number ``i`` of the scene from 0, along its line to the load terms
-    of both of its bodies; it is zero after the end of its stroke."""
+    of both of its bodies. It is zero after the end of its stroke; if the spring only pushes, a
+    negative force counts as zero too."""
     force = spring_force(s, spring, i)
     path = f"spring.{spring.name}"
     if spring.push_only:

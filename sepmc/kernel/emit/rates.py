@@ -1,5 +1,5 @@
-"""Emitter of the derivative of the state in every segment, which may also store monitored joint
-loads."""
+"""Emitter of the derivative of the state in every segment. Joint loads are not part of it
+(`sepmc.kernel.emit.monitor`)."""
 
 from sepmc.kernel.emit.context import Context, state_offset
 from sepmc.kernel.emit.energy import power

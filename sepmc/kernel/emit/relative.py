@@ -9,7 +9,8 @@ from sepmc.kernel.tracer.formulas import quat, scalar, square_root, vec3
 def relative_values(s: State) -> list[Any]:
     """Values of the relative motions that are outputs, at a state, SI, in the order of
     `sepmc.schema.relative_columns`: angle and rate of each hinge; then, of each pair of bodies, the
-    distance of the mass centres and relative roll, yaw and pitch."""
+    distance of the mass centres, and roll, yaw and pitch of the second body relative to the
+    first."""
     values: list[Any] = []
     for joint in s.spec.scene.output.hinge:
         values += [hinge_angle(s, joint), hinge_rate(s, joint)]

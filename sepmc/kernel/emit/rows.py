@@ -309,7 +309,10 @@ class Rows:
 class LeastSquares:
     """Minimum-norm solutions of systems with one symmetric, possibly singular matrix; ``a`` has the
     rows of its lower triangle. Kernels call `sepmc.routines.linear.solve_min_norm` for them.
-    ``name`` distinguishes the workspace fields of several matrices in one segment."""
+    ``name`` distinguishes the workspace fields of several matrices in one segment.
+
+    ``rank`` (of the matrix) and ``smallest`` (smallest ratio of a pivot to its diagonal element)
+    are those of the last solution, None before the first."""
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solutions = s, [x for row in a for x in row], 0

@@ -84,9 +84,9 @@ def advance(rk: Method) -> str:
 def emit_step_length(out: Text, c: Context) -> None:
     """Write the kernel function ``set_step(w, phase, parts, typical)``, which sets the field STEP
     to the length of the next step of every lane in segment number ``phase``: the first of ``parts``
-    equal steps to END or to the next predicted event, or by lane (`_lane_step`). ``typical`` is as
-    in `emit_event_step`. With events, also write ``set_event_polish_step``
-    (`_emit_event_polish_step`)."""
+    equal steps to END or to the next predicted event or, in segments in which lanes make different
+    numbers of steps, the length that `_lane_step` gives. ``typical`` is as in `emit_event_step`.
+    With events, also write ``set_event_polish_step`` (`_emit_event_polish_step`)."""
     docstring = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
         "at first, an event is predicted no later than"

@@ -206,8 +206,9 @@ def _store_point(s: State, field: str, point: tuple[Any, Any, Any]) -> None:
 
 def _relative_motion(s: State, entry: Proximity) -> tuple[Any, Any, Any]:
     """Three coordinates, at a state, in the table of the proximity increments ``entry``. Without
-    ``axes`` the first is the separation distance of its joint, m; otherwise each is the relative
-    position, m, or angle, rad, that the axis names. 0 for missing axes."""
+    ``axes`` the first is the separation distance of its joint, m; otherwise each is what the axis
+    names: a displacement of the second body since the start (`State.displacement`), m, or a
+    relative angle (`State.relative_angles`), rad. 0 for missing axes."""
     if entry.axes is None:
         return s.separation(entry.joint).length, 0.0, 0.0
     known: dict[str, Any] = {

@@ -227,8 +227,8 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
 def add_proximity(pool: Pool, entry: Proximity) -> int:
     """Append a table of proximity increments to the pool, as one pack (`pack`) of six functions:
     the increments of the aerodynamic coefficients (zero for those not in the table) over separation
-    distance, m, or over up to three axes of relative position, m, and attitude, rad. Return the
-    index of the pack."""
+    distance, m, or over up to three axes of relative displacement since the start, m, and relative
+    attitude, rad. Return the index of the pack."""
     axes = list(entry.points.values())
     zero = np.zeros([len(points) for points in axes])
     values = [np.array(getattr(entry, key) or zero, dtype=float) for key in COEFFICIENTS]

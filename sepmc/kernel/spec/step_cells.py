@@ -5,7 +5,8 @@ integrated side by side) stores the cell that its point is in. In a table with k
 changes only at the end of a step, so that no step passes a kink.
 
 A table has kinks where it is interpolated linearly, where a force table is continued as a constant
-within the stroke of its spring, and where the force of a spring drops as its extension shrinks.
+within the stroke of its spring, and where the force of a spring jumps as its extension begins to
+shrink, since the table has a return factor.
 Rows of monotone force tables count as kinks: their second derivative jumps.
 """
 

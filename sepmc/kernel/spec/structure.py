@@ -377,10 +377,10 @@ def _has_equal_rows(segment: Segment, late: Segment) -> bool:
 def _add_end(
     segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
-    """Set in ``segment`` what ends its phase, for a phase with at most one condition (`_add_clauses`
-    for several): a time, a burn-out, or a condition on the state or on a joint load. A phase
-    without a condition ends with the run. ``dispersed`` has the paths of the dispersed parameters
-    (it decides only which springs have an end of stroke)."""
+    """Set in ``segment`` what ends its phase, for a phase that needs no clauses (`_add_clauses`): a
+    time, a burn-out, or one condition on the state or on a joint load. A phase without a condition
+    ends with the run. ``dispersed`` has the paths of the dispersed parameters (it decides only
+    which springs have an end of stroke)."""
     until, path = phase.until, f"phase.{phase.name}.until"
     leaves = {leaf.path: (leaf, slot) for leaf, slot in _thresholds(layout, dispersed)}
     if until is None:
