@@ -445,9 +445,9 @@ def emit_event_flags(out: Text, c: Context) -> None:
 
 def _set_flag(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     """Add lines to a scope that set the flag of an event to 1 if its condition is met now. If it
-    was not met before, they also raise its error indicator to 1 / rate of the condition (infinite
-    if it does not rise), since an error of the condition's value causes an error of the event time
-    of error / rate; but not for ends of table cells.
+    was met neither before nor at the start of the interval, they also raise its error indicator to
+    1 / rate of the condition (infinite if it does not rise), since an error of the condition's
+    value causes an error of the event time of error / rate; but not for ends of table cells.
 
     For a kink the mode is set instead (`set_mode`), for an event with a direction the flag of a
     crossing (`_set_crossing_flag`). For the end of a spring's stroke its time is stored too.

@@ -212,7 +212,7 @@ class Signals:
         """Jet (value and time derivatives) of ``node``, a call of ``where`` in the formula of
         ``signal``: that of the branch that the modes select in the present interval. A step may
         pass the end of the interval by a little; where that branch is undefined there, the branch
-        by the present condition counts."""
+        by the present condition counts. The value is NaN where the condition is undefined."""
         condition, switching = self._condition(signal, node.arguments[0])
         one, other = (self._number(signal, x) for x in node.arguments[1:])
         result = jets.select(condition, one, other)

@@ -122,8 +122,8 @@ def mark_inactive(text: Text, c: Context, segment: Segment, goes: str) -> None:
 
 
 def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
-    """Append lines, within a loop over lanes (``lane``), that set the length STEP of the next step
-    of a lane, from the time to the next event or END that STEP has before.
+    """Append lines, within a loop over lanes (``lane``), that set the field STEP to the length of
+    the next step of a lane. Before these lines STEP has the time to END or to the next event.
 
     The remaining time, at most to ``end`` (kernel code), is divided into equal steps. Their number
     STEPS_LEFT is the smaller of two: one less than at the last step, and STEP_FACTOR times the
