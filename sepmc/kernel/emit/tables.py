@@ -4,7 +4,8 @@ air over altitude, spring forces.
 Every lane (case) stores, for each table, the cell that its point is in: the piece of the table
 between neighbouring rows, loaded by `sepmc.routines.splines.load_cell`. One loop checks lane by
 lane whether the point is still in the cell, and loads the next one if not; another sums the table
-values from the cells of all lanes side by side.
+values from the cells of all lanes side by side. Cells of tables with kinks are loaded only at the
+start of a case and at the ends of steps (`sepmc.kernel.spec.step_cells`).
 """
 
 import math

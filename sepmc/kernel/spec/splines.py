@@ -5,8 +5,8 @@ An axis is divided at breaks into spans. On each span it has four basis function
 polynomials, so that a kernel finds the span and evaluates four cubics without a division. Packs of
 all interpolations are read in the same way, by ``sepmc.routines.splines``:
 
-- ``"cubic"``: cubic B-splines on a clamped knot vector. Two and three points give a line and a
-  parabola, raised to cubics on one span.
+- ``"cubic"``: cubic B-splines on a clamped knot vector. Unless the ends are flat, two and three
+  points give a line and a parabola, raised to cubics on one span.
 - ``"linear"``: two hat functions; the other two basis functions are zero.
 - ``"monotone"``: the Hermite functions of values and slopes at both ends of a span. Slopes are
   those of Fritsch and Butland (scipy's ``PchipInterpolator``), axis by axis: between two rows no
