@@ -51,8 +51,9 @@ class QuantileSketch:
         return [self._buffer[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Arrays
-        that do not fit raise ValueError, ArithmeticError, LookupError or StopIteration."""
+        """Replace what was accumulated by the arrays of `state`, which are taken from the iterator
+        ``arrays`` in that order. Arrays that do not fit raise ValueError, ArithmeticError,
+        LookupError or StopIteration."""
         buffered = next(arrays)
         self._buffer[: len(buffered)], self._filled = buffered, len(buffered)
         grid_state = next(arrays)

@@ -120,9 +120,10 @@ class RequirementCounter:
         return [scalars(self), np.array(self.worst), self._near]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
-        ValueError as `set_scalars` or if the worst case is no number, OverflowError if that is
-        infinite, and StopIteration if there are too few arrays."""
+        """Replace what was accumulated by the arrays of `state`, which are taken from the iterator
+        ``arrays`` in that order. Raises ValueError as `set_scalars` or if the worst case is no
+        number, OverflowError if that is infinite, and StopIteration if there are too few
+        arrays."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)

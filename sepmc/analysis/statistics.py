@@ -351,8 +351,9 @@ class AuditSummary:
         return [scalars(self)]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Raises
-        ValueError as `set_scalars`, and StopIteration if there is no array left."""
+        """Replace what was accumulated by the array of `state`, the next one of the iterator
+        ``arrays``. Raises ValueError as `set_scalars`, and StopIteration if there is no array
+        left."""
         set_scalars(self, next(arrays))
 
     def merge(self, others: "AuditSummary") -> None:

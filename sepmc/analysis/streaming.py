@@ -129,8 +129,9 @@ class _BlockCounters:
         return [*(np.array(one, dtype=float) for one in own), *tallied]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the next of ``arrays``, in the order of `state`. Arrays
-        that do not fit raise ValueError, ArithmeticError, LookupError or StopIteration."""
+        """Replace what was accumulated by the arrays of `state`, which are taken from the iterator
+        ``arrays`` in that order. Arrays that do not fit raise ValueError, ArithmeticError,
+        LookupError or StopIteration."""
         self.by_code[:] = next(arrays)
         for _ in range(int(next(arrays)[0])):
             label, *numbers = next(arrays).astype(np.int64).tolist()
@@ -257,8 +258,8 @@ class StreamingStatistics:
         return [*(array.astype(float) for array in buffered), *arrays]
 
     def restore(self, arrays: Arrays) -> None:
-        """Load a state of the same outcomes, audits and requirements: the next of ``arrays``, in
-        the order in which `state` returned them.
+        """Load a state of the same outcomes, audits and requirements: the arrays of `state`,
+        which are taken from the iterator ``arrays`` in that order.
 
         Raises
         ------

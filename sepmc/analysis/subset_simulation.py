@@ -78,7 +78,8 @@ class ChainStates:
 @dataclass(frozen=True)
 class LevelSchedule:
     """Falling ``thresholds`` of the margin, found by trial chains, and for each the step sizes,
-    ``steps`` (d,), of the chains within it.
+    ``steps`` (d,), of the chains within it. None is negative: violation, a margin
+    below 0, follows the last one.
 
     Cases without a margin count as if their margin were ``worst``: -inf to count them as
     violations, inf not to. ``known`` and ``unknown`` are the numbers of trial cases of the last

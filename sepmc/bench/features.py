@@ -50,9 +50,9 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
     Returns
     -------
-    DataFrame, a row for the whole scene, then one without each feature
-        ``feature``, its name, and ``change``, what was removed; median time ``ms`` of 10,000
-        cases, scaled from those timed, and its ``spread``; ``evaluations`` per case,
+    DataFrame, a row for the whole scene, one without each feature, and last one with histories
+        ``feature``, its name, and ``change``, what was removed or added; median time ``ms`` of
+        10,000 cases, scaled from those timed, and its ``spread``; ``evaluations`` per case,
         ``flops_per_evaluation`` and ``flops_per_case`` (NaN if not counted); ``time_ratio`` and
         ``flop_ratio``, time and flops over those of the whole scene; ``cases``, the number of
         cases timed.

@@ -110,7 +110,7 @@ class Study:
 
     @cached_property
     def units(self) -> list[str]:
-        """Units of the outcomes, by column."""
+        """Units of the outcomes, in the order of `Campaign.outcome_columns`."""
         return [c.unit for c in self.campaign.outcome_columns]
 
     @cached_property

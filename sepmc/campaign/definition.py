@@ -116,7 +116,8 @@ class Definition:
     file : CampaignFile
         Parsed campaign file.
     settings : mapping of str to str, optional
-        Values that replaced those of the file, as text, by TOML path; shown in titles.
+        Values by TOML path, as text, that ``file`` already has in place of those of the file on
+        disk; used only to show and store them.
     """
 
     def __init__(self, file: CampaignFile, settings: Mapping[str, str] | None = None):
