@@ -86,8 +86,9 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
 
 def _size(name: str, errors: Mapping[str, tuple[float, float]], largest: float) -> float:
     """Return the numerical error of an outcome, in its unit, from ``largest``, its largest absolute
-    value: 0 for a yes-or-no outcome, NaN if ``largest`` is not finite (no case has it), and 0 for
-    another outcome that ``errors`` lacks."""
+    value, and ``errors``, the arguments ``relative`` and ``scale`` of `error_size` by outcome: 0
+    for a yes-or-no outcome, NaN if ``largest`` is not finite (no case has it), and 0 for another
+    outcome that ``errors`` lacks."""
     if is_yes_or_no(name):
         return 0.0
     return error_size(*errors.get(name, (np.nan, 0.0)), largest) if np.isfinite(largest) else np.nan

@@ -110,7 +110,7 @@ class QuantileSketch:
 
     def ranked(self, ranks: np.ndarray) -> np.ndarray:
         """Return the values (k,) that have the zero-based ``ranks`` (k,) among all added values in
-        increasing order."""
+        increasing order; estimated as in `_Grid.ranked` if the values are counted in bins."""
         if self._grid is None:
             return order_statistics(self._buffer[: self._filled], ranks)
         self._count()

@@ -46,8 +46,8 @@ class _Summary(Protocol):
 
 class InterimEstimate(NamedTuple):
     """Estimate of a statistic at one check: its ``value``, the ends ``low`` and ``high`` of its
-    interval, ``sufficient``, True if the run may stop, and ``shortfall``, a sentence on the reason
-    why the cases are too few for an interval at all (empty if there is none)."""
+    interval, ``sufficient``, True if the run may stop, and ``shortfall``, the reason why the cases
+    are too few to report a mean or a sigma, whatever its interval (empty if there is none)."""
 
     value: float
     low: float

@@ -349,7 +349,8 @@ class StreamingStatistics:
         return 0 if accumulator is None else int(self._counters.by_code[Status.OK]) - accumulator.n
 
     def _design(self, counter: RequirementCounter) -> float:
-        """Return the design value of a requirement; NaN for a status and for too few cases."""
+        """Return the design value of a requirement; NaN for one on a status or on `VIOLATION`, and
+        for too few cases."""
         name = counter.requirement.metric
         if name not in self.moments:
             return float("nan")

@@ -104,8 +104,8 @@ def _study(
     histories; log its size.
 
     If ``cases`` is None, their number is the default, smaller if ``quick``, or fewer where the
-    reference solution would take more than `_MAX_REFERENCE_S` seconds. ``repeats``, ``threads``,
-    ``quick`` and ``say`` are as in `Study`.
+    reference solution would take more than `_MAX_REFERENCE_S` seconds (but at least
+    `QUICK_CASES`). ``repeats``, ``threads``, ``quick`` and ``say`` are as in `Study`.
     """
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     integration = select_steps(bare, announce=say)

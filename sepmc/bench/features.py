@@ -115,7 +115,7 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
 
 
 def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
-    """Return a function that integrates the study's cases by the kernel of a variant, without
+    """Return a function that integrates the study's `own_cases` by the kernel of a variant, without
     refining any. A kernel that is not in the cache is compiled here."""
     campaign = variant.campaign
     paths = {d.parameter.path for d in campaign.file.dispersions}

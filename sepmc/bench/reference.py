@@ -31,7 +31,8 @@ class Reference:
     other : str
         The check: the other formulation, its method and steps in words.
     difference, checked : float, int
-        Largest error between the check and the reference, and the number of cases of the check.
+        Largest relative error between the check and the reference, and the number of cases of the
+        check.
     """
 
     outcomes: np.ndarray
@@ -67,9 +68,9 @@ def reference_times() -> int:
 
 
 def make_reference(study: Study) -> Reference:
-    """Integrate the study's cases by dop853 and double the number of steps, up to six times, until
-    the change of the outcomes no longer decreases; check the result by the other formulation on
-    some of the cases. Return both as the reference."""
+    """Integrate the study's `own_cases` by dop853 and double the number of steps, up to six times,
+    until the change of the outcomes no longer decreases; check the result by the other formulation
+    on some of the cases. Return both as the reference."""
     campaign = study.with_settings({"solver.method": METHOD})
     integration = (
         study.integration if study.method == METHOD else select_steps(campaign, announce=study.say)

@@ -63,8 +63,9 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
 
 
 def _by_threads(study: Study) -> list[dict[str, Any]]:
-    """Time the study's cases on 1, 2, 4, ... threads and on all of the study; return a table row
-    (values by column) for each number, with the median of the repeats, s and us per case."""
+    """Time the study's `own_cases` on 1, 2, 4, ... threads, and on the number of threads of the
+    study, which is the largest; return a table row (values by column) for each number, with the
+    median of the repeats, s and us per case, and the speed-up over one thread."""
     cases, variant = study.own_cases, study.default
     rows: list[dict[str, Any]] = []
 

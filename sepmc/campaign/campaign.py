@@ -113,7 +113,8 @@ class Campaign(Definition):
     file : CampaignFile
         Parsed campaign file.
     settings : mapping of str to str, optional
-        Values that replaced those of the file, as text, by TOML path; shown in titles.
+        Values by TOML path, as text, that ``file`` already has in place of those of the file on
+        disk; used only to show and store them.
     """
 
     def __repr__(self) -> str:
