@@ -125,12 +125,12 @@ class TableStatistics:
 
     def _lacking(self, values: np.ndarray | None) -> int:
         """Return the number of ok cases whose value in ``values`` (n_cases,) is NaN; 0 if it is
-        None, for a requirement on a status."""
+        None, for a requirement on a status or on `VIOLATION`."""
         return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
 
     def _design(self, counter: RequirementCounter, values: np.ndarray | None) -> float:
-        """Return the design value of a requirement on the outcome ``values`` (n_cases,); NaN for a
-        status (``values`` is None) and for too few cases."""
+        """Return the design value of a requirement on the outcome ``values`` (n_cases,); NaN for
+        one on a status or on `VIOLATION` (``values`` is None), and for too few cases."""
         if values is None:
             return np.nan
         present = values[self._ok & ~np.isnan(values)]

@@ -344,7 +344,7 @@ class StreamingStatistics:
 
     def _lacking(self, counter: RequirementCounter) -> int:
         """Return the number of ok cases that do not have the outcome of a requirement; 0 for a
-        requirement on a status."""
+        requirement on a status or on `VIOLATION`."""
         accumulator = self.moments.get(counter.requirement.metric)
         return 0 if accumulator is None else int(self._counters.by_code[Status.OK]) - accumulator.n
 

@@ -70,7 +70,7 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
 
     def run_on(threads: int) -> None:
-        """Integrate the study's cases on a number of threads."""
+        """Integrate the study's `own_cases` on a number of threads."""
         use_threads(threads)
         variant.fly(study.inputs)
 

@@ -115,7 +115,7 @@ class Study:
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of the outcomes, by column."""
+        """Names of the outcomes, in the order of `Campaign.outcome_columns`."""
         return [c.name for c in self.campaign.outcome_columns]
 
     def with_settings(self, settings: dict[str, Any]) -> Campaign:
