@@ -43,7 +43,8 @@ def error_size(relative: float, scale: float, value: float) -> float:
         Error relative to the absolute ``value``, or to the ``scale`` if that is larger
         (`sepmc.campaign.execution.accuracy.errors`). If it is not finite, round-off alone counts.
     scale, value : float
-        Typical size of the outcome, and the value, in the unit of the outcome.
+        Scale of the outcome, mostly its standard deviation
+        (`sepmc.campaign.execution.accuracy.scales`), and the value, in the unit of the outcome.
     """
     from_steps = relative * max(abs(value), scale) if np.isfinite(relative) else 0.0
     return float(from_steps + _ROUND_OFF * scale)

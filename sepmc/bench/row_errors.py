@@ -18,7 +18,8 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     frame : DataFrame, a row per case
         ``case``; the estimated ``error``; ``true_error``, the largest of the outcomes, without
         contact (1 or 0) and the times and positions of extremes; and the ``outcome`` that has it.
-        Both errors are relative to the outcome, or to its typical size if that is larger.
+        Both errors are relative to the outcome, or to its scale if that is larger
+        (`sepmc.campaign.execution.accuracy.errors`).
     summary : dict of str to float
         ``cases`` in the table; ``n_refined`` and ``n_fallback``, the numbers of cases that were
         refined and that a fallback kernel integrated; ``largest_error`` (estimated) and

@@ -143,8 +143,9 @@ class Study:
         """Return the largest relative error and the name of its outcome, as `error` does, from the
         ``outcomes`` (m, o) of the first m cases and the mask ``ok`` (m,) of those with status ok.
 
-        ``reference`` (n, o) and the mask ``valid`` (n,) are those of all n cases: errors are scaled
-        by the scatter over the valid cases of the reference. The result is (infinity, "") if no
+        ``reference`` (n, o) and the mask ``valid`` (n,) are those of all n cases: errors are
+        relative to the reference value, or to the scale of the outcome over the valid cases if that
+        is larger (`sepmc.campaign.execution.accuracy.scales`). The result is (infinity, "") if no
         case is both ok and valid.
         """
         common = np.flatnonzero(ok & valid[: len(outcomes)])

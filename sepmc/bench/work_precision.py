@@ -24,7 +24,8 @@ _MAX_WORK = 25  # variants with more than this multiple of the default evaluatio
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
-    """Measure error and time of the variants of method, steps and formulation.
+    """Measure error and time of the variants of method, steps and formulation, except the variant
+    that made the reference and those that are left out with a message (`rows_of`).
 
     Returns
     -------
