@@ -123,10 +123,10 @@ class FlightComparison:
     channels : DataFrame
         A row per channel, indexed by its column: ``unit``; number of ``samples`` within the run;
         ``noise``, its sigma, from second differences; ``envelope_used``, the largest distance from
-        the median of the cases over the half width of their 99 % band (widened by the noise), and
-        its time ``envelope_used_at_s``; ``inside_99``, the fraction of the time within that band;
-        ``residual_rms`` and ``residual_max``, of flight minus nominal case, and its time
-        ``residual_max_at_s``.
+        the median of the cases over the width of their 99 % band on that side of the median
+        (widened by the noise), and its time ``envelope_used_at_s``; ``inside_99``, the fraction
+        of the time within that band; ``residual_rms`` and ``residual_max``, of flight minus nominal
+        case, and its time ``residual_max_at_s``.
     curves : DataFrame
         A row per channel and sample: channel, time_s (of the run), flight, nominal, and the
         percentiles p0.5 to p99.5 of the cases.

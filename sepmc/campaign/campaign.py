@@ -608,7 +608,8 @@ class Campaign(Definition):
         ------
         StoreError, ValueError
             If ``out`` cannot be used or is missing with ``resume``, there is no such requirement,
-            no margin measures how far a case is from violating it, or a number is out of range.
+            no margin measures how far a case is from violating it, inputs come from a sample
+            table, or a number is out of range.
         """
         check_threads(threads)
         limit_state(self, check_text("requirement", requirement, "a name"))

@@ -469,7 +469,8 @@ class Definition:
         Raises
         ------
         InputError
-            If there is no such case.
+            If there is no such case. Without a sample table, a random or Sobol sample has every
+            case number from 0 on, also beyond the number of cases of the file.
         """
         total = self.scene.run.cases if total is None else total
         depends_on_size = self.scene.run.sampler in cases.SIZE_DEPENDENT

@@ -153,7 +153,8 @@ class DesignBox(Definition):
 
         It is built from the designs with all variables at their low ends, at their high ends and
         half way, and with each variable alone at its high end. Raises InputError or SceneError if
-        one of these is not a valid campaign or the designs cannot share a kernel."""
+        one of these is not a valid campaign or the designs cannot share a kernel, and as
+        `_check_signs` and `_check_distributions`."""
         variables = design_variables(campaign, vary)
         low, high, middle = (
             _at_end(campaign, {v.key: v.at(share) for v in variables}, end)
