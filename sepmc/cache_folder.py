@@ -15,7 +15,8 @@ _WRITABLE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder(name: str) -> Path:
-    """Return the folder ``kernels/NAME`` in the user's cache, which is created if missing.
+    """Return the folder ``kernels/NAME`` in the user's cache, which is created if missing. The
+    environment variable ``SEPMC_CACHE_DIR``, if set, is the path of that cache.
 
     If that folder cannot be written, a folder of the same name in a private temporary folder is
     returned instead, with symbolic links to the files of the first one. A cache that other users
