@@ -19,8 +19,8 @@ def cache_folder(name: str) -> Path:
     environment variable ``SEPMC_CACHE_DIR``, if set, is the path of that cache.
 
     If that folder cannot be written, a folder of the same name in a private temporary folder is
-    returned instead, with symbolic links to the files of the first one. A cache that other users
-    can write is neither read nor written.
+    returned instead, with symbolic links to the files of the first one. A cache that users other
+    than its owner can write is neither read nor written.
 
     Parameters
     ----------
