@@ -554,7 +554,7 @@ def load_kernel(text: str, log: Log | None = None) -> Kernel:
         if log:
             log(
                 f"compiling {count} unit{'s' * (count != 1)} of this scene's kernel, once; about "
-                "half a second of a core each ..."
+                "0.1 s of a core each ..."
             )
         report = progress_reporter(log, _EVERY_S)
 
@@ -566,7 +566,7 @@ def load_kernel(text: str, log: Log | None = None) -> Kernel:
 
         start = time.monotonic()
         try:
-            kernel_cache.compile_in_subprocesses(units, progress)
+            kernel_cache.compile_missing(units, progress)
         finally:
             _waited.append(time.monotonic() - start)
     with loading:

@@ -10,13 +10,14 @@ import msgspec
 
 from sepmc.code_cache import CACHE_FOLDER, cache_lock
 from sepmc.engine import cache_files
-from sepmc.engine.compile_workers import Progress, compile_all
+from sepmc.engine.compile_workers import Progress, compile_all, running
 from sepmc.engine.written_kernel import Kernel, table
 from sepmc.kernel.emit.compile_units import kernel_properties, split
 from sepmc.translator.compiler import compile_text
 
 # modules with routines that take seconds to compile
 _SLOW = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
+_SHORT = 12_000  # characters of source that are compiled before another process has started
 
 
 class CompileUnits(msgspec.Struct, frozen=True):
@@ -145,11 +146,10 @@ def _compile_order(name: str) -> tuple[bool, int]:
     return any(module in text for module in _SLOW), len(text)
 
 
-def compile_in_subprocesses(
-    units: CompileUnits, progress: Progress = lambda done, total: None
-) -> bool:
-    """Compile those units, and the loop over blocks, that are not in the cache folder yet, in
-    separate processes in parallel.
+def compile_missing(units: CompileUnits, progress: Progress = lambda done, total: None) -> bool:
+    """Compile those units, and the loop over blocks, that are not in the cache folder yet: in
+    separate processes in parallel, or in this process if they are short and no other process is
+    ready to compile.
 
     Parameters
     ----------
@@ -164,9 +164,24 @@ def compile_in_subprocesses(
     """
     try:
         with cache_lock("units"):
-            return compile_all(missing_units(units), progress)
+            names = missing_units(units)
+            if running() or not _are_short(names):
+                return compile_all(names, progress)
+            for done, name in enumerate(names, 1):
+                _compile(name)
+                progress(done, len(names))
+            return True
     except OSError:
         return False
+
+
+def _are_short(names: Sequence[str]) -> bool:
+    """Return True if compiling all these modules takes less time than starting a process for it:
+    none is slow to compile, and their sources together have at most `_SHORT` characters."""
+    if cache_files.LOOP in names:
+        return False
+    expected = [_compile_order(name) for name in names]
+    return not any(slow for slow, _ in expected) and sum(length for _, length in expected) <= _SHORT
 
 
 def serve() -> None:

@@ -174,7 +174,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):
     """`sepmc run table1.toml` with an empty cache."""
-    monkeypatch.setattr(kernel_cache, "compile_in_subprocesses", None)
+    monkeypatch.setattr(kernel_cache, "compile_missing", None)
     result = CliRunner().invoke(
         app.main,
         ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"],

@@ -43,6 +43,33 @@ def test_processes_stay_alive():
     assert compile_workers.running() == first
 
 
+def compile_units(*sources):
+    """Kernel of modules that are all to be compiled."""
+    return kernel_cache.CompileUnits(tuple(kernel_cache.write_modules(sources)), 0, 0, 0, 0, ())
+
+
+@pytest.mark.parametrize("waiting", [False, True])
+def test_short_units_start_no_process(waiting):
+    """Few short units are compiled before a process has started; one that waits is used."""
+    cache_files.is_stored(cache_files.LOOP) or kernel_cache._compile(cache_files.LOOP)
+    seen = []
+    if waiting:
+        assert compile_workers.compile_all(names(21))
+    units = compile_units(*(SHORT.format(30 + 2 * waiting + k) for k in range(2)))
+    assert kernel_cache.compile_missing(units, lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 2), (2, 2)]
+    assert kernel_cache.missing_units(units) == []
+    assert bool(compile_workers.running()) == waiting
+    assert kernel_cache.compile_missing(units)  # nothing is missing
+
+
+@pytest.mark.parametrize("source", [SHORT + "# " + 12_000 * "x", SHORT + "# sepmc.routines.peaks"])
+def test_long_and_slow_units_are_compiled_by_a_process(source):
+    cache_files.is_stored(cache_files.LOOP) or kernel_cache._compile(cache_files.LOOP)
+    assert kernel_cache.compile_missing(compile_units(source.format(41)))
+    assert compile_workers.running()
+
+
 def test_dead_process_is_replaced():
     assert compile_workers.compile_all(names(1))
     (first,) = compile_workers.running()
