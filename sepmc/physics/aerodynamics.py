@@ -27,9 +27,9 @@ def flow_angles(u):
     Returns
     -------
     alpha : float
-        rad, -pi to pi.
+        rad, -pi to pi; 0 if u and v are 0.
     beta : float
-        rad, -pi/2 to pi/2.
+        rad, -pi/2 to pi/2; 0 if all components are 0.
     """
     return arctan2_of_two(-u[1], u[0], u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
 

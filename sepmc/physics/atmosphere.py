@@ -122,7 +122,7 @@ def in_layer(height, base):
     Returns
     -------
     pressure, temperature : float
-        Pa, K.
+        Pa, K; the molecular-scale temperature.
     """
     h, warming, log_ratio = _log_temperature_ratio(height, base)
     return base[3] * exponential(-log_ratio * (G0 * M0 / R_STAR * base[2] * h)), (

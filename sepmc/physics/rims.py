@@ -94,8 +94,9 @@ def rim_gap(rim, shell, margin):
 def axes(normal, axis):
     """Axes for the view of a rim along the axis of a shell (or of a part).
 
-    Returns (e, v, sine, cosine): the unit vectors e (x) and v (y) across the axis, v in the plane
-    of the rim; and the sine and cosine of the angle between the normal of the rim and the axis.
+    Returns (e, v, sine, cosine): the unit vectors e (x) and v (y), perpendicular to the axis and to
+    each other, v in the plane of the rim (any such pair if the rim is perpendicular to the axis);
+    and the sine and cosine of the angle between the normal of the rim and the axis.
     """
     v = cross(normal, axis)
     sine, cosine = math.sqrt(dot(v, v)), dot(normal, axis)

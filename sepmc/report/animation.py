@@ -140,8 +140,8 @@ class _Frame:
         return (self.positions[body] + self.rotations[body].apply(arms)) * [-1.0, 1.0, 1.0]
 
     def outer(self, name: str, body: Body) -> np.ndarray:
-        """Return the points (n, 3) of a body, aft, up and right, m, that the view must contain:
-        those of its outline, its centre of mass and its joints."""
+        """Return the points (n, 3) of a body that the view must contain, aft, up and right of the
+        common centre of mass, m: those of its outline, its centre of mass and its joints."""
         parts = [np.array(p.points) if p.points else _rim_points(p) for p in body.outline]
         return self.in_view(name, np.concatenate([*parts, _mark_points(name, body, self.scene)]))
 

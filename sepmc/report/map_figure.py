@@ -46,7 +46,7 @@ def map_figure(
     about : str
         The campaign, for the title.
     path : Path
-        File to write; the suffix selects the format.
+        File to write, in a folder that exists; the suffix selects the format.
     settings : str
         Further lines of the title: settings that change the campaign.
 

@@ -37,8 +37,8 @@ _dots = SCREEN
 
 @contextmanager
 def resolution(per_inch: int) -> Iterator[None]:
-    """Context manager within which `save` writes images with ``per_inch`` dots per inch (default
-    150)."""
+    """Context manager within which `save` writes images with ``per_inch`` dots per inch; outside of
+    it, images have 150."""
     global _dots  # noqa: PLW0603
     before, _dots = _dots, per_inch
     try:
@@ -121,7 +121,7 @@ def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
     ----------
     figure : Figure
     path : Path
-        File to write; the suffix selects the format.
+        File to write, in a folder that exists; the suffix selects the format.
     order : sequence of str
         Labels whose legend entries come first, in this order.
 

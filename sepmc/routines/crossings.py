@@ -209,8 +209,8 @@ def _lowest(low, high, w, scratch):
 
 @routine
 def _rate_at(sizes, w):
-    """Return the derivative of the magnitude by the fraction of the step at its start, from the
-    values at the nodes, stored at w[sizes] and following."""
+    """Return the derivative of a magnitude by the fraction of the step, at the start of the step,
+    from the magnitudes at the nodes, stored at w[sizes] and following."""
     slope = 0.0
     for n in range(COUNT):
         slope += SLOPE[n] * w[sizes + n]

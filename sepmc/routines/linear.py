@@ -172,7 +172,8 @@ def solve_semidefinite(w, a, b, n):
     rank : int
         Rank of the matrix; 0 if a diagonal element is not positive: nothing is then solved.
     smallest : float
-        Smallest ratio of a pivot to its diagonal element.
+        Smallest ratio of a pivot to its diagonal element, over the ``rank`` pivots used; 0 if the
+        rank is 0.
     """
     noinline()
     for i in range(n):
@@ -240,7 +241,8 @@ def solve_min_norm(w, source, n, scratch, out):
     rank : int
         Rank of the matrix; 0 if a diagonal element is not positive.
     smallest : float
-        Smallest ratio of a pivot to its diagonal element.
+        Smallest ratio of a pivot to its diagonal element, over the ``rank`` pivots used; 0 if the
+        rank is 0.
     """
     noinline()
     b = scratch + 3 * n * n

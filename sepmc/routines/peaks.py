@@ -187,9 +187,9 @@ def _mean(low, high, w, scratch):
 def _halved(tolerance, w, scratch):
     """Return the mean magnitude over the step of the vector with the coefficients at w[scratch].
 
-    An interval is halved until the means of its halves agree with its own (`_mean`) to
-    ``tolerance`` of the mean over the step, and the magnitude in it does not come near zero or is
-    too small to matter. A corner takes about twenty halvings; the limit is _HALVINGS.
+    An interval is halved until the means of its halves (`_mean`) change the mean over the step by
+    at most ``tolerance``, in the unit of the vector, and the magnitude in it does not come near
+    zero or is too small to matter. A corner takes about twenty halvings; the limit is _HALVINGS.
     """
     noinline()
     total, low, width, budget = 0.0, 0.0, 1.0, _HALVINGS
@@ -262,8 +262,9 @@ def size_between(point, nodes):
 
 @formula
 def truncation(nodes):
-    """Return the size of the largest of the last coefficients of the three components, a measure of
-    the truncation error, from the vectors at the nodes (COUNT tuples of 3)."""
+    """Return the largest magnitude of the coefficients of the highest degree (one for each of the
+    three components), a measure of the truncation error, from the vectors at the nodes (COUNT
+    tuples of 3)."""
     return largest3(_combined(_LAST, nodes))
 
 
@@ -411,7 +412,9 @@ def update_peak(w, nodes, stride, scratch, out, t, h):
 @routine
 def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
     """Update with a step, in one lane, the minimum of a ratio of a guide: the force that drives it
-    apart, over the sum of the loads that its pins have if friction balances that force.
+    apart, over the sum of the loads that its pins have if friction balances that force. The ratio
+    is 0 where the force is not positive (it does not separate), and infinite where no pin has a
+    load.
 
     Parameters
     ----------
@@ -466,8 +469,9 @@ def set_coefficients(nodes, stride, w, scratch):
 @routine
 def rises(sizes, w, i):
     """Return True if the magnitude has a peak next to node ``i``, from its values at the nodes at
-    w[sizes]: it is higher there than at both neighbours or, for the first and the last node, rises
-    from the end into the step without being higher at the next node."""
+    w[sizes]: at an inner node it is higher than at the node before and not lower than at the node
+    after; at the first and the last node it rises from the end into the step, but is not higher at
+    the next node."""
     if 0 < i < COUNT - 1:
         return _is_inner_summit(w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]) > 0.0
     first, step, slope = (sizes, 1, 0.0) if i == 0 else (sizes + COUNT - 1, -1, 0.0)

@@ -97,7 +97,8 @@ def impulse(motor: Motor, end: float) -> float:
     ----------
     motor : Motor
     end : float
-        Burn time, s, that is taken for a motor with neither a burn time nor a profile.
+        Longest burn time, s, of a motor without a profile: one that would burn longer, or without a
+        burn time, is counted for this time and without tail-off.
 
     Returns
     -------
@@ -172,8 +173,9 @@ def energy(spring: Spring) -> float:
 
 
 def _of_table(table: ForceTable | None, extension: Array) -> Array | float:
-    """Integral of the force of a table from extension 0 to each ``extension`` (n,), J (n,); the
-    force is constant beyond the rows. 0 without a table."""
+    """Integral of the force of a table from extension 0 to each ``extension`` (n,), J (n,), while
+    the extension grows (``return_factor`` does not count); the force is constant before the first
+    row and beyond the last. 0 without a table."""
     if table is None:
         return 0.0
     (first, *_, last), force = table.extension, table.force

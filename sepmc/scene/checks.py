@@ -168,17 +168,18 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     if not any(leaves_pins_sliding(rows_of(joint, kind)) for kind in known):
         reason = (
             "does nothing: its pins act while the joint constrains y, z and at least two rotations "
-            "but not x (slider, cylindrical, or a kind "
+            "but not x (slider, cylindrical, or a user-defined "
         )
         problems.add(
             f"joint.{name}.guide",
-            f"{reason}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases "
+            f"{reason}kind); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases "
             "and after releases",
         )
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:
-    """Add a problem if a case would have too many rows of history or too many integration steps."""
+    """Add a problem if a case would have too many rows of history, or too many steps of the length
+    ``solver.step_s`` where that is given."""
     step = scene.run.history_step
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
         problems.add(
@@ -196,8 +197,9 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
 
 
 def _check_initial(scene: Scene, problems: Problems) -> None:
-    """Add problems of the initial state: yaw beyond +-89 deg, speed although a joint connects to
-    the ground, and an altitude outside the 1976 atmosphere if that is used."""
+    """Add problems of the initial state: yaw beyond +-89 deg, a speed other than 0 although a joint
+    of the first phase connects to the ground, and an altitude outside the 1976 atmosphere if that
+    is used."""
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
         problems.add(

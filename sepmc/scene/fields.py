@@ -154,8 +154,11 @@ def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
 
 
 def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
-    """For every TOML key that sets one of the fields: the field, or the field of the table in its
-    place, and the factor to SI."""
+    """For every TOML key that sets one of the fields: the field and the factor to SI.
+
+    For the key of a table that may replace the number of a field (``instead``), the field has the
+    type of that table (`Field.spellings`).
+    """
     return {
         key: (spelling, factor)
         for field in fields.values()

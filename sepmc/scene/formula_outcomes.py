@@ -11,9 +11,9 @@ _TAKEN = ("case", "status", "pi", VIOLATION, *NOT_OK_LABELS)
 
 def check_formula_outcomes(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
     """Add a problem for each ``[[outcome]]`` with an unknown unit or a reserved column name, or
-    whose formula cannot be parsed or names anything but outcomes before it. If a unit is unknown,
-    only units are checked. ``dispersed`` has the paths of dispersed parameters, as the columns of
-    outcomes depend on them (`contents`)."""
+    whose formula cannot be parsed, names anything but outcomes before it, or names none. If a unit
+    is unknown, only units are checked. ``dispersed`` has the paths of dispersed parameters, as the
+    columns of outcomes depend on them (`contents`)."""
     if any(one.unit not in FORMULA_UNITS for one in scene.outcome):
         for one in scene.outcome:
             if one.unit not in FORMULA_UNITS:

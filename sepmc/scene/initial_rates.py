@@ -46,7 +46,8 @@ def _rotated_bodies(scene: Scene, joint: str) -> set[str]:
 def check_initial_rates(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
     """Add a problem for each initial rate that would rotate the ground, that would rotate the first
     body too, since other joints connect it to the second, or that has, or would vary in, a
-    component that the joint constrains. ``dispersed`` has the paths of dispersed parameters."""
+    component that the joint constrains. ``dispersed`` has the paths of dispersed parameters; if two
+    or three components of one rate are dispersed, these are not checked."""
     for name, rotated in initial_rates(scene, dispersed):
         joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
         key_path, first = f"joint.{name}.omega_deg_s", joint.bodies[0]

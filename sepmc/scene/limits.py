@@ -108,7 +108,8 @@ def check_keys(text: str) -> str:
 
 def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
     """Add problems of a TOML or JSON tree: too many entries, too deep nesting, integers of more
-    than 64 bits, and texts with control characters or more than ``text`` characters."""
+    than 64 bits, and texts with more than ``text`` characters or with control characters other
+    than tabs and line breaks."""
     stack: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
     while stack:
         value, key_path, key, depth = stack.pop()

@@ -233,8 +233,9 @@ def _overlaps(scene: Scene) -> Iterator[str]:
 
 def _depth(part: Part, solid: Part) -> float:
     """Largest depth, m, to which the edge circles or points of ``part`` lie inside the frustum
-    ``solid``, or outside its wall if it is hollow. Zero or negative if none do, or if the two are
-    not compared: a hollow ``part``, or a ``solid`` that is a sector or points."""
+    ``solid``; if that is hollow, the largest distance, up to a tenth of its radius, to which they
+    lie outside its wall. Zero or negative if none do, or if the two are not compared: a hollow
+    ``part``, or a ``solid`` that is a sector or points."""
     if solid.stations is None or solid.radii is None or part.hollow or solid.sector:
         return 0.0
     at = np.array([*part.points, *_edge_points(part)])
@@ -405,8 +406,9 @@ def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterato
 
 
 def _is_past(until: Condition, key_path: str, varied: set[str], end: float) -> bool:
-    """True if a condition, at ``key_path``, can only be met by times, and these are after ``end``,
-    s. A time that is dispersed (its path is in ``varied``) may come earlier."""
+    """True if a condition, at ``key_path``, cannot be met by the time ``end``, s: each of its
+    alternatives is a time after ``end``, or an ``all`` that contains one. A dispersed time (its
+    path is in ``varied``) never counts as after ``end``."""
     if msgspec.structs.replace(until, time=None, any=(), all=()) != Condition():
         return False
     alternatives = []

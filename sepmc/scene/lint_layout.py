@@ -35,9 +35,9 @@ def lint_layout(scene: Scene) -> Iterator[str]:
 
 
 def _stations(scene: Scene) -> Iterator[str]:
-    """Yield a sentence if there are two bodies or more and the stations of their mass centres are
-    negative (some may be 0), else one on each motor that would push a body forward from the front
-    end of its outline: stations are then probably counted from the tail."""
+    """Yield a sentence if there are two bodies or more and the stations of all their mass centres
+    are negative (some, but not all, may be 0), else one on each motor that would push a body
+    forward from the front end of its outline: stations are then probably counted from the tail."""
     stations = [body.cg[0] for body in scene.body.values()]
     if len(stations) > 1 and max(stations) <= 0.0 and min(stations) < 0.0:
         yield (

@@ -203,8 +203,9 @@ def _check_part(key_path: str, part: Part, problems: Problems) -> None:
 
 
 def _check_aero_table(key_path: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
-    """Add problems of an aerodynamic table: no axis, axes that do not rise, grids of another shape,
-    or several Mach numbers in a table of air without a speed of sound."""
+    """Add problems of an aerodynamic table: no axis, axes that do not rise, grids whose shape does
+    not fit the axes, or several Mach numbers although the air comes from a table (``atmosphere =
+    "table"``) without a speed of sound."""
     axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
     axes_given = {key: axis for key, axis in axes.items() if axis}
     for key, axis in axes_given.items():
