@@ -40,8 +40,8 @@ def bearing_forces(force, moment, engaged, toward):
 
 @formula
 def around_circle(pin, pins, circle, clock):
-    """Lateral force of one pin at one of its ends (hole entry or tip) for a torsion of 1 N m about
-    the joint's x axis.
+    """Lateral force of one pin on the second body, at one of its ends (hole entry or tip), for a
+    torsion (moment on the second body about the joint's x axis) of 1 N m.
 
     All pins carry equal forces, tangential to the circle on which they stand: half at the hole
     entries, half at the tips.
@@ -67,14 +67,15 @@ def around_circle(pin, pins, circle, clock):
 
 @formula
 def pin_force(end, torsion, around, pins):
-    """Lateral force of one pin at one of its ends (hole entry or tip): end / pins + torsion around.
+    """Lateral force of one pin on the second body, at one of its ends (hole entry or tip):
+    end / pins + torsion around.
 
     Parameters
     ----------
     end : tuple of 2 float
         Force of all pins together at that end, from `bearing_forces`, N.
     torsion : float
-        Moment of the joint about its x axis, N m.
+        Moment of the joint on the second body about its x axis, N m.
     around : tuple of 2 float
         Force of this pin for a torsion of 1 N m, from `around_circle`, N per N m.
     pins : int

@@ -135,7 +135,7 @@ def _radial(part, d):
 def _lean(part, d):
     """Sine of the angle from the normal of the side of a part (start, axis, length, r0, r1) to the
     unit vector ``d``: positive if the rim at the far end (start + length axis) is furthest in the
-    direction d, negative if the other rim is. For a disc (length 0) 1 or -1."""
+    direction d, negative if the other rim is. For a disc (length 0) 1 if r1 > r0, else -1."""
     along, rise = dot(d, part[1]), part[4] - part[3]
     s = math.sqrt(max(0.0, 1.0 - along * along))
     slant = _slant(part)

@@ -165,7 +165,7 @@ def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, pa
         or to three sigma; others are not drawn.
     title : str
     path : Path
-        File to write; the suffix selects the format.
+        File to write, in a folder that exists; the suffix selects the format.
 
     Returns
     -------
@@ -337,8 +337,10 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
     """Draw each motor, each spring (except those whose second body is the ground) and each load
-    with a force in body axes as an arrow of the same ``length`` (m) in the direction of its force;
-    for a spring that is the force on its second body."""
+    with a force in body axes as an arrow of the same ``length`` (m) in the direction of its force.
+
+    The arrow of a spring has the direction of a push on its second body, also if the spring pulls.
+    """
     scene = with_sizes(scene)
     for spring in scene.spring:
         # body x points forward, stations count aft

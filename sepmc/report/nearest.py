@@ -88,7 +88,7 @@ def nearest_lines(one: MovingOutline, two: MovingOutline, distances: np.ndarray)
     -------
     ndarray, shape (n, 2, 3)
         Nearest point of ``one`` and of ``two``, m, in the common axes; NaN where no pair of parts
-        has that distance, to 3 % or 1 mm.
+        has that distance, to 3 % or 1 mm, whichever is larger.
     """
     lines = np.full((len(distances), 2, 3), np.nan)
     known = np.flatnonzero(np.isfinite(distances))

@@ -229,8 +229,8 @@ _HALF_WIDTH = 560.0
 
 
 def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
-    """Return for each SVG file a dict of its ``svg`` element for the page and its CSS class
-    ``style``, ``half`` or ``whole`` by its width; those of half width come first."""
+    """Return for each SVG file a dict: ``svg`` is its element for the page, ``style`` its CSS
+    class, ``half`` for a narrow figure and ``whole`` for a wide one. Narrow ones come first."""
     figures = []
     for path in paths:
         text = path.read_text(encoding="utf-8")

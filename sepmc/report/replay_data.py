@@ -131,8 +131,8 @@ def _part(part: PlacedPart) -> dict[str, Any]:
 
 def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
     """Return the arrows (`replay_data`) of the constraint forces, one for each joint between two
-    bodies: its force on the second body; ``until`` is the time of its release, s, or None if it is
-    not released."""
+    bodies: its force on the second body; ``until`` is the time at which the joint became free, s,
+    or None if it did not."""
     arrows, bodies = [], list(scene.body)
     releases = history.attrs["releases"]
     for name, force in motion.forces.items():
@@ -152,8 +152,8 @@ def _joint_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 
 def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
-    """Return the arrows (`replay_data`) of the thrust of motors, one for each motor on a body, at
-    its nozzle; ``until`` is None."""
+    """Return the arrows (`replay_data`) of the thrust of motors, at their nozzles, one for each
+    motor that is not on the ground; ``until`` is None."""
     arrows, bodies = [], list(scene.body)
     for motor in scene.motor:
         if motor.body == GROUND:

@@ -18,7 +18,7 @@ def trade_off_figure(result: TradeOff, about: str, path: Path) -> Path:
     about : str
         The campaign, for the title.
     path : Path
-        File to write; the suffix selects the format.
+        File to write, in a folder that exists; the suffix selects the format.
 
     Returns
     -------

@@ -59,7 +59,7 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
 @routine
 def write(w, curves, joints, stride, begin, end, length, values, interval, history, first):
     """Write the separation speed and distance of every joint into those rows of a history whose
-    times lie in the step that was just made, for all lanes.
+    times lie in the step that was just made, its ends included, for all lanes.
 
     Parameters
     ----------

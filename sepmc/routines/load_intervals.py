@@ -42,7 +42,8 @@ def load_work(i, m, case):
 
 @routine
 def _ignition_time(i, m, w, case):
-    """Return the ignition time of motor i of a case, its delay included, s."""
+    """Return the ignition time of motor i of a case, its delay included, s; infinite as long as the
+    event, release or joint that ignites it has not occurred."""
     p = motor_params(i, m, case)
     return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
 

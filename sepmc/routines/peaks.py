@@ -327,7 +327,8 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
         Peak, its time and integral after the step.
     tolerance : float
         Above 0 if the integral still lacks this step, since the magnitude may have a corner in it:
-        `update_between` must add the step, with this tolerance of the mean magnitude. Else 0.
+        `update_between` must add the step, with its mean magnitude to this tolerance, in the unit
+        of the magnitude. Else 0.
     has_summit : float
         1 if a peak may be between the nodes: `update_between` must search for it. Else 0.
     """

@@ -56,7 +56,7 @@ class MassProperties:
 
 
 def of_body(body: Body) -> MassProperties:
-    """Nominal mass properties of a body.
+    """Nominal mass properties of a body, with its ``inertia_factor``.
 
     Parameters
     ----------

@@ -348,8 +348,8 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each thrust profile whose first row is later than the ignition, or even
-    than the end of the burn, if that is not dispersed."""
+    """Yield a sentence on each thrust profile whose first row is later than the ignition; another
+    one if it is not even before the end of the burn, and the burn time is not dispersed."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         key_path, profile = f"motor.{motor.name}", motor.profile
