@@ -152,8 +152,8 @@ def energy(spring: Spring) -> float:
     Returns
     -------
     float
-        J, without damping. A negative force counts, unless the spring only pushes. Infinite if the
-        spring has a force but neither a stroke nor a stiffness.
+        J, times the spring's ``factor``, without damping. A negative force counts, unless the
+        spring only pushes. Infinite if the spring has a force but neither a stroke nor a stiffness.
     """
     force, stroke = spring.force, spring.stroke
     if math.isinf(stroke):

@@ -18,8 +18,8 @@ def shipped_campaigns() -> dict[str, Path]:
 
 def find_file(file: str | Path) -> Path:
     """Path of the campaign file that ``file`` means: that file, the ``campaign.toml`` of that run
-    folder, or the shipped campaign of that name. Raises SceneError if there is none,
-    or ``file`` is no name or path."""
+    folder, or the shipped campaign of that name, with or without ``.toml``. Raises SceneError if
+    there is none, or ``file`` is no name or path."""
     if isinstance(file, dict):
         reason = (
             "must be the name of a file or run folder, not a dict; to change values of a file, "

@@ -248,7 +248,8 @@ def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
     """Add problems of a dispersion: of its parameter and kind of distribution (`_check_parameter`),
-    and of values that are not finite or outside the bounds of the parameter.
+    and of values that are not finite or outside the bounds of the parameter, among them those of
+    the initial yaw, of an altitude in the 1976 atmosphere, and of a time that ends a phase.
 
     Only the tails of a normal distribution without truncation may leave the bounds: a case sampled
     there gets the status invalid-input.

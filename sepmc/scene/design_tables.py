@@ -145,7 +145,7 @@ def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, 
 
 def parse_axis(text: str, name: str) -> MapAxis:
     """Parse the axis of a map, ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key, for
-    messages. Raises InputError as `parse_range`, or if COUNT is out of range."""
+    messages. Raises InputError as `parse_range`, or if COUNT is not 2 to 1000."""
     form = f"KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
     key, (low, high, count) = parse_range(text, name, form, counts=1)
     if not 2 <= count <= _MAX_POINTS:
@@ -239,8 +239,9 @@ def read_map(tree: Any, scene: Scene, problems: Problems) -> MapPlan | None:
 def read_size(
     tree: Any, scene: Scene, requirements: Sequence[Requirement], problems: Problems
 ) -> SizePlan | None:
-    """Parse the table ``[size]`` in the TOML tree of a campaign; its ``subject_to`` may name these
-    requirements. None if there is no such table, or after adding problems."""
+    """Parse the table ``[size]`` in the TOML tree of a campaign; its ``subject_to`` may name some
+    of the ``requirements``, or be "all". None if there is no such table, or after adding
+    problems."""
     written = tree.get("size")
     if isinstance(written, dict) and written.get("subject_to") == "all":
         written = {key: value for key, value in written.items() if key != "subject_to"}

@@ -46,7 +46,7 @@ def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Pro
     if trigger.joint not in scene.joint or problems:
         return
     if _is_free(scene, name, scene.phase[0].joints.get(name, "free")):
-        reason = "is free from the start; a motor that lights at a given time has ignition_s"
+        reason = "is free from the start; a motor that ignites at a given time has ignition_s"
         problems.add(f"{key_path}.joint", reason, name)
     elif not any(_is_free(scene, name, kind) for kind in _later_kinds(scene, name)):
         problems.add(f"{key_path}.joint", "is never free: no phase or [[release]] frees it", name)

@@ -288,8 +288,9 @@ def _springs(scene: Scene) -> Iterator[str]:
 
 def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     """Yield a sentence on each spring that pushes at first but pulls before the end of its stroke,
-    nominally or with one number at an end of its distribution. Force, stiffness, table and stroke
-    count, not damping; springs with ``push_only`` or without a stroke are left out."""
+    by more than 5 % of its initial force, nominally or with one number at an end of its
+    distribution. Force, stiffness, table and stroke count, not damping; springs with ``push_only``
+    or without a stroke are left out."""
     by_path = {d.parameter.path: d for d in dispersions}
     for spring in scene.spring:
         key_path = f"spring.{spring.name}"
