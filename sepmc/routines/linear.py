@@ -99,7 +99,7 @@ def _factor_pivoted(w, a, n, used, rest):
 
     A is given by its lower triangle and not changed; L is stored at w[a + n n], n entries a row.
     ``used`` and ``rest`` are positions of n scratch numbers each. Returns the rank, and the
-    smallest ratio of a pivot to its diagonal element.
+    smallest ratio of a pivot to its diagonal element, over the ``rank`` pivots used.
     """
     noinline()
     factor = a + n * n

@@ -17,7 +17,7 @@ from sepmc.routines.lanes import LANES
 @long_formula
 def in_cell(w, cell, x, y, z):
     """Return True if the point (x, y, z), in the units of the axes, is in the cell that `load_cell`
-    has last loaded for a lane at w[cell]."""
+    has last loaded for a lane at w[cell]; the start of each span is in it, the end is not."""
     return (
         w[cell] <= x < w[cell + LANES]
         and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES]

@@ -22,7 +22,7 @@ class Copula:
         Index, among the dispersions of the campaign, of each parameter of the correlation.
     factor : tuple of tuple of float
         Lower triangular Cholesky factor (n, n) of the correlation matrix of the normal scores of
-        these parameters, row by row.
+        these parameters, row by row: times n independent normal scores, it gives correlated ones.
     """
 
     places: tuple[int, ...]
