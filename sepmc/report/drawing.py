@@ -19,6 +19,7 @@ from matplotlib.patches import Circle, Ellipse, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 
 from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_title
+from sepmc.scene.budget import force_of_table
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 from sepmc.scene.signals import with_sizes
@@ -339,12 +340,14 @@ def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
     """Draw each motor, each spring (except those whose second body is the ground) and each load
     with a force in body axes as an arrow of the same ``length`` (m) in the direction of its force.
 
-    The arrow of a spring has the direction of a push on its second body, also if the spring pulls.
+    The arrow of a spring has the direction of its force on its second body at the start.
     """
     scene = with_sizes(scene)
     for spring in scene.spring:
         # body x points forward, stations count aft
         axis = _unit(spring.axis) if spring.axis else _direction(spring.point, spring.second_point)
+        if spring.force + float(force_of_table(spring.table, np.zeros(1))[0]) < 0.0:  # pulls
+            axis = (-axis[0], -axis[1], -axis[2])
         if spring.bodies[1] != GROUND:
             _arrow(labels, view, spring.point, axis, length, GREEN, spring.name)
     for motor in scene.motor:

@@ -229,7 +229,7 @@ def budget_lines(scene: Scene) -> Iterator[str]:
         turned = f", axes turned by {math.degrees(angle):.3g} deg" if angle > 1e-9 else ""
         yield f"body         {name}: principal inertia {_list(moments)} kg m2{turned}"
     for motor in scene.motor:
-        ends = motor.profile is not None or math.isfinite(motor.burn)
+        ends = motor.profile is not None or motor.burn <= scene.run.end_time
         until = "" if ends else f" in {scene.run.end_time:g} s"
         total = impulse(motor, scene.run.end_time)
         yield f"impulse      {motor.name}: {total:.6g} N s{until}"

@@ -163,11 +163,10 @@ def _values_at_zero(aero: Aerodynamics, coefficient: str) -> Array:
 
 def _slope(aero: Aerodynamics, coefficient: str, angle: str) -> float:
     """Slope of a coefficient over an angle at zero, 1/rad, of polynomial and table together. Where
-    a table gives several, at the points of its other axes (`_slopes_at_zero`), it is the one with
-    the largest magnitude of the table's part."""
+    a table gives several, at the points of its other axes (`_slopes_at_zero`), it is the steepest
+    one."""
     slopes = _slopes_at_zero(aero, coefficient, angle)
-    polynomial = getattr(aero, coefficient).get(angle, 0.0)
-    return float(slopes[int(np.argmax(np.abs(slopes - polynomial)))])
+    return float(slopes[int(np.argmax(np.abs(slopes)))])
 
 
 def _slopes_at_zero(aero: Aerodynamics, coefficient: str, angle: str) -> Array:

@@ -299,6 +299,22 @@ def test_springs_of_a_vehicle_without_outlines_are_seen(tmp_path, monkeypatch):
     assert 0.04 < high - low < 0.5
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_arrow_of_a_spring_that_pulls(tmp_path, monkeypatch, sign):
+    """It points as the force on the second body does."""
+    drawn = {}
+    monkeypatch.setattr(
+        drawing_module,
+        "_arrow",
+        lambda labels, view, point, along, length, colour, name: drawn.setdefault(name, along),
+    )
+    scene = sepmc.load("spring-pushers").scene
+    spring = msgspec.structs.replace(scene.spring[0], axis=(0.6, 0.0, 0.8), force=sign, table=None)
+    scene = msgspec.structs.replace(scene, spring=(spring,))
+    draw_vehicle(scene, [], "pusher", tmp_path / "vehicle.png")
+    assert drawn[spring.name] == pytest.approx([0.6 * sign, 0.0, 0.8 * sign])
+
+
 def test_thrust_is_drawn_as_it_acts():
     """As the formulas that fly it have it."""
     motors = sepmc.load("srb").scene.motor

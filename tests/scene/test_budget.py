@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from sepmc.cli import app
-from sepmc.scene.budget import energy, impulse, mated, of_body
+from sepmc.scene.budget import budget_lines, energy, impulse, mated, of_body
 from sepmc.scene.model import Body, ForceTable, Motor, Profile, Spring
 
 
@@ -150,3 +150,11 @@ def test_check_prints_them():
     assert "mated        6075 kg, centre of mass [7.2148, 0, 0] m" in result.output
     assert "body         rv: principal inertia [250, 1250, 1400] kg m2" in result.output
     assert "energy       piston_right: 8048.85 J" in result.output
+
+
+@pytest.mark.parametrize(("burn", "until"), [({"burn_s": 0.5}, ""), ({"burn_s": 5.0}, " in 1 s")])
+def test_an_impulse_says_when_the_run_cuts_it(pair, burn, until):
+    """A burn that goes on at the end of the run counts up to there, as an unlimited one does."""
+    motor = {"name": "m", "body": "fore", "thrust_N": 10.0, "station_m": 0.0} | burn
+    lines = list(budget_lines(pair({"motor": [motor], "run.end_time_s": 1.0}).scene))
+    assert f"impulse      m: {min(burn['burn_s'], 1.0) * 10:g} N s{until}" in lines

@@ -382,6 +382,14 @@ CANNOT_BE_MEANT = {
         aerodynamics(table=AXES | {"normal": [[-0.01, 0.0, 0.01]] * 3}),
         "changes by 0.0573 per rad of alpha",
     ),
+    "slope of a table beside a polynomial": (  # 3.1, 2.4 and 0.1 in all: the steepest counts
+        aerodynamics(
+            normal={"alpha": 3.0},
+            table={"mach": [1.0, 2.0, 3.0], "alpha_rad": [-0.1, 0.0, 0.1]}
+            | {"normal": [[-k, 0.0, k] for k in (0.01, -0.06, -0.29)]},
+        ),
+        None,
+    ),
     "side force of DATCOM": (aerodynamics(**STABLE | {"side": {"beta": -3.0}}), "points left here"),
     "stable in alpha only": (
         aerodynamics(**STABLE, yaw={"beta": -1.0}),
