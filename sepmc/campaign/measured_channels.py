@@ -155,8 +155,9 @@ def _within(
 
 def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray:
     """Choose the times at which cases are simulated: those of the samples if all delays are known
-    (``delay_sigma`` is 0) and the samples are not too many. Else evenly spaced times from 4 times
-    the largest ``delay_sigma`` before the first sample to as much after the last, within the run.
+    (``delay_sigma`` is 0) and there are at most 1,000. Else evenly spaced times, two per sample but
+    400 to 1,000, from 4 times the largest ``delay_sigma`` before the first sample to as much after
+    the last, within the run.
 
     Parameters
     ----------

@@ -155,8 +155,9 @@ def size(
 
     Notes
     -----
+    A design is accepted if its margin is not negative (`sepmc.campaign.design_search`).
     One variable: a grid of 13 designs; 9 more between the neighbours of each of up to three peaks
-    of the margin that are still negative, repeated up to three times; then the cheapest accepted
+    of the margin where it is negative, repeated up to three times; then the cheapest accepted
     design between the neighbours of the best one, to 1e-4 of the range.
     Several variables: a Sobol sequence of at least 8 designs per variable, then COBYLA of scipy
     from the cheapest accepted one, with at most 40 designs per variable. The optimum is that of the

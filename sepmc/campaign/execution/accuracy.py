@@ -317,8 +317,9 @@ class AchievedAccuracy:
     asked : float
         Requested accuracy, ``solver.accuracy``.
     errors : dict of str to float
-        Relative error (see `errors`) by outcome, of at least one: `SAFETY` times the largest of the
-        calibration cases, or more if `with_errors` raised it to that of other cases.
+        Relative error (see `errors`) of each outcome, by its name: `SAFETY` times the largest of
+        the calibration cases, or more if `with_errors` raised it to that of other cases. Never
+        empty.
     cases : int
         Number of calibration cases that reached their end.
     positions : frozenset of str

@@ -41,7 +41,7 @@ class BatchSummary(msgspec.Struct, frozen=True):
         `sepmc.campaign.execution.missing_events`.
     errors : mapping of str to float
         By outcome: largest relative error of the cases integrated again and, for the outcomes
-        `Estimate.leading`, of all others too. The errors of the remaining outcomes follow from
+        `Estimate.leading`, of all other cases too. The errors of other outcomes follow from
         ``indicators``.
     indicators : tuple of float
         Largest value of each error indicator over the cases not integrated again; see

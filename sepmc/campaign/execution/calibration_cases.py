@@ -78,7 +78,7 @@ def corner_cases(campaign: Definition, corners: int | None = None) -> np.ndarray
 
 def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
     """Return a sample of the inputs, the same one at every call: two Latin hypercubes of half the
-    cases each.
+    cases each (of an odd number the first has one more).
 
     In the second half all values of a discrete distribution are equally frequent, whatever their
     weights; parameters whose path ends in ``.fails`` keep their weights.

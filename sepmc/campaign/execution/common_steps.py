@@ -300,9 +300,10 @@ def _doubtful_errors(
     half the length, by comparison with their values at steps at which they converge.
 
     ``outcomes`` (n, o), SI, are those of n > 0 such cases at the chosen steps. The others are as
-    for `refine_steps`: ``integrate`` runs the cases at a fraction of the chosen steps, until the
-    decisive outcomes (mask ``is_decisive``) change by at most ``goal``, relative. A case that does
-    not converge, or ends with a status other than ok and never-released, has infinite errors.
+    for `refine_steps`: ``integrate`` runs cases at steps of a given fraction of the chosen length,
+    which is halved until the decisive outcomes (mask ``is_decisive``) change by at most ``goal``,
+    relative. A case that does not converge, or ends with a status other than ok and never-released,
+    has infinite errors.
     """
     converged = np.empty_like(outcomes)
 

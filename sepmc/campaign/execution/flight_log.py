@@ -62,7 +62,8 @@ class FlightLog:
         """Return margins (n,) and rows (n, k) of the next logged batch; None after the last one.
 
         ``drawn`` (n, d) are the inputs, in the units of the file, that the estimate asks for next.
-        The batch is removed from those still to be returned, and counted.
+        The batch is removed from those still to be returned, and its n cases are added to the
+        counts ``count`` and ``resumed``.
 
         Raises
         ------

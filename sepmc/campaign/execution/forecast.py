@@ -78,7 +78,8 @@ class Forecast:
 
     def sentence(self, seconds: float, on_disk: bool) -> str:
         """Sentence that announces time, disk space (if ``on_disk``: rows are stored) and memory of
-        the run at ``seconds`` per case; empty for a run below 20 s and 5 GB."""
+        the run at ``seconds`` per case; empty if the run takes less than 20 s and less than 5 GB
+        of disk space."""
         time, max_bytes = self.cases * seconds, self.disk_bytes[1] if on_disk else 0.0
         if time < _LONG_S and max_bytes < _LARGE:
             return ""

@@ -187,9 +187,10 @@ class Integration:
         return any(fallback.variant == Variant.ANY_ORDER for fallback in self.fallbacks)
 
     def with_fallback(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
-        """Copy that uses a fallback kernel, which is compiled if necessary (``announce`` gets a
-        message then). Its segments are the phases: each has the sum of the steps, and of the
-        durations, of the segments of that phase. All segments use the most exact method."""
+        """Copy that uses a fallback kernel in place of its own, and has no fallbacks itself. The
+        kernel is compiled if necessary (``announce`` gets a message then). Its segments are the
+        phases: each has the sum of the steps, and of the durations, of the segments of that phase.
+        All segments use the most exact method."""
         kernel = fallback.make(announce)
         steps = np.bincount(fallback.phases, self.steps, kernel.n_segments).astype(np.int64)
         durations = np.bincount(fallback.phases, self.durations, kernel.n_segments)
@@ -230,9 +231,10 @@ def integrate(
 
     Cases are integrated again with smaller steps, each by itself, if they lie outside the
     calibration, have too large an estimated error, or end with a status that smaller steps may
-    change. If the file gives the step, only the first are, to measure their errors, and keep their
-    results. Cases that the kernel still rejects are tried with the fallback kernels. Cases that all
-    kernels reject get a final status and NaN outcomes; their audit columns stay.
+    change. If the file gives the step, only cases outside the calibration are: to measure their
+    errors, while their results stay those at the given step. Cases that the kernel still rejects
+    are tried with the fallback kernels. Cases that all kernels reject get a final status and NaN
+    outcomes; their audit columns stay.
 
     Parameters
     ----------

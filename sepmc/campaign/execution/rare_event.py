@@ -126,7 +126,8 @@ class RareEventEstimate:
         Returns
         -------
         DataFrame
-            A row per case, indexed by a case number that counts from the smallest margin (0).
+            A row per case, indexed by a case number that counts from the smallest margin (0):
+            case, status, inputs, outcomes, audit columns, margin, level, replica and weight.
         """
         return index_by_case(self.rows)
 
@@ -444,8 +445,10 @@ def _notes(
 def _error_notes(
     integration: Integration, limit: LimitState, relative_error: float, estimate: Estimate
 ) -> list[str]:
-    """Notes for the user if the numerical error of the outcome is unknown, or too large: many cases
-    are nearer to the bound, or two levels nearer to each other, than that error. Empty if neither.
+    """Notes for the user if the numerical error of the outcome is unknown, or too large. It is too
+    large if the cases nearer to the bound than the error have more than a tenth of the
+    probability, or if two levels lie nearer to each other than ten times the error. Empty if
+    neither.
 
     ``relative_error`` is the error of the outcome relative to the larger of its scale
     (``integration.scale``) and the absolute value of the bound; NaN if unknown.

@@ -195,8 +195,8 @@ def worst_case(
 
 
 def _values(cases: shards.CaseColumns, outcome: str) -> tuple[np.ndarray, np.ndarray]:
-    """Case numbers (n,) and values (n,) of an outcome, of the ok cases in which it is finite.
-    Raises InputError if there is no such outcome or no such case."""
+    """Case numbers (n,) and values (n,) of a column (outcome, input or audit column), of the ok
+    cases in which it is finite. Raises InputError if there is no such column or no such case."""
     names = [name for name in cases if name not in ("case", "status")]
     if outcome not in names:
         raise InputError(f"{outcome}: no such outcome; {nearest(outcome, names)}")

@@ -79,7 +79,8 @@ class MemorySink:
             self.histories.append(_histories(chunks, self.separation))
 
     def output(self) -> RunOutput:
-        """Statistics, rows and histories of all cases so far; None without histories."""
+        """Statistics, rows and histories of all cases so far; ``histories`` of the result is None
+        if the sink has no columns of them."""
         rows = _join(self.chunk_tables)
         return RunOutput(
             TableStatistics(rows, *self.campaign.summary_inputs),
@@ -140,8 +141,8 @@ class ParquetSink:
         return written
 
     def output(self) -> RunOutput:
-        """Statistics and rows of all cases in the folder, and entries of their histories. Raises
-        StoreError if there are no cases."""
+        """Statistics and rows of all cases in the folder, and ledger entries of the shards of
+        their histories. Raises StoreError if there are no cases."""
         columns = shards.CaseColumns(self.folder)
         history_shards = shards.entries(self.folder, folders.HISTORIES)
         summary = summarise(columns, *self.campaign.summary_inputs)

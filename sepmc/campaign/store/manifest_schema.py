@@ -59,8 +59,9 @@ class _Accuracy(Struct):
     asked, met : float, bool
         Requested accuracy, and True if ``achieved`` is at most that; None if the file gives the
         step.
-    step_s, steps : float, list of int
-        Length of the steps that the file gives; else number of steps of each segment.
+    step_s, steps : float or None, list of int
+        Length of the steps, s, if the file gives it (``steps`` is empty then), else None;
+        number of steps of each segment.
     methods, stages : list of str
         Integration method and name of each segment; ``formulation`` and ``method`` are those of the
         file.

@@ -89,7 +89,7 @@ def parse_keep_rules(
     rules : str
         Rules separated by commas, such as ``failed,worst:20``.
     patterns : str, optional
-        Patterns of column names, separated by commas.
+        Patterns of column names, separated by commas; all columns if None.
     single : bool
         True for single precision.
     requirements : sequence of Requirement
@@ -104,8 +104,8 @@ def parse_keep_rules(
     Raises
     ------
     InputError
-        If a rule is unknown, if a rule needs a requirement and the campaign has none, or if a
-        pattern matches no column.
+        If a rule is unknown, a pattern matches no column, the rule "violating" is given without a
+        requirement, or "worst" without one that has a bound (``at_least`` or ``at_most``).
     """
     names_kept = tuple(x.strip() for x in patterns.split(",")) if patterns else ()
     keep = _read(rules, names_kept, single)
