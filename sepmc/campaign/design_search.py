@@ -226,8 +226,9 @@ class DesignSearch:
 
     def _run(self, designs: np.ndarray, allowed: Sequence[int]) -> pd.DataFrame:
         """Run m designs, given as an array (m, variables), and return their table: values by TOML
-        path, costs, and the smallest ``margin`` over the requirements. ``allowed`` has the number
-        of accepted violations of each requirement."""
+        path, costs, and ``margin``, the smallest over the requirements (`_margin`): not negative if
+        the design is accepted. ``allowed`` has the number of accepted violations of each
+        requirement."""
         columns, before = list(dict.fromkeys(self.metrics)) or ["error"], self._count
 
         def progress(done: int, _: int) -> None:

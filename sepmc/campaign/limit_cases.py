@@ -209,8 +209,8 @@ class _LimitSearch:
         return self.values[np.arange(len(self.values)), levels + 1]
 
     def run(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return status (n,) and outcomes (n, o), in their units, of the cases with levels (n, d).
-        Only cases that were not simulated before are simulated."""
+        """Return status (n,) and results (n, o), outcomes and audit columns in their units, of the
+        cases with levels (n, d). Only cases that were not simulated before are simulated."""
         keys = [row.tobytes() for row in levels]
         new = {key: row for key, row in zip(keys, levels, strict=True) if key not in self.results}
         if new:

@@ -138,7 +138,7 @@ def write(
     Raises
     ------
     StoreError
-        If the files cannot be written.
+        If the manifest cannot be used, or the files cannot be written.
     """
     run = evaluate(campaign, summary, manifests.read_manifest(folder))
     units = {column.name: column.unit for column in campaign.outcome_columns}

@@ -38,7 +38,8 @@ class ScenarioRuns:
     def table(self) -> pd.DataFrame:
         """Verdicts of all runs, a row for each scenario and requirement: ``scenario`` and its
         ``title``, ``run`` and ``ok`` (numbers of cases run, and of those with status ok), and the
-        fields of `sepmc.analysis.requirements.Verdict`."""
+        fields of `sepmc.analysis.requirements.Verdict`. A scenario without requirements has one
+        row, without these fields."""
         frames = []
         for name, result in self.results.items():
             frame = result.requirements().reset_index()
@@ -90,6 +91,8 @@ def run_scenarios(
         If the campaign has no scenario.
     SceneError
         If a scenario gives no valid campaign; raised before anything is run.
+    StoreError
+        If a run folder in ``out`` contains a run and ``resume`` is False.
     """
     scenarios = campaign.scenarios()
     if not scenarios:

@@ -141,8 +141,9 @@ def read_previous(
 
 
 def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[str, Any]) -> None:
-    """Raise StoreError if the ``manifest`` of a folder is that of another campaign, seed or kind of
-    run, or of a sample whose size cannot change to that of ``spec``."""
+    """Raise StoreError if the ``manifest`` of a folder is that of a rare-event estimate, of another
+    campaign or seed, or of a sample whose size cannot change to that of ``spec``. An entry that the
+    manifest lacks is not compared."""
     if "rare" in manifest:
         raise folders.StoreError(
             f"{folder}: contains {folders.RARE}, so there are no cases to continue; "

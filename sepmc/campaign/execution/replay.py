@@ -115,7 +115,8 @@ def _same_bits(a: float, b: float) -> bool:
 
 def extreme_case(cases: shards.CaseColumns, outcome: str, minimum: bool) -> int:
     """Number of the ok case with the smallest value of an outcome (``minimum`` True) or the largest
-    (False). Raises InputError if there is no such outcome or no ok case has it."""
+    (False). ``outcome`` may also be an input or audit column. Raises InputError if there is no
+    such column or no ok case has a value in it."""
     numbers, values = _values(cases, outcome)
     return int(numbers[values.argmin() if minimum else values.argmax()])
 

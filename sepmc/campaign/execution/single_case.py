@@ -276,8 +276,8 @@ class _SingleRun:
 
         The case is integrated with twice the ``steps`` (segments,), then with 16 and 128 times as
         many while the kernel asks for smaller steps and that is not too many. The durations are
-        stored in this object. Returns the outcomes of the last integration, SI; None if the case
-        does not reach its end in it.
+        stored in this object. Returns outcomes and audit columns of the last integration, SI; None
+        if the case does not reach its end in it.
         """
         solver, max_steps = (
             self.layout.scene.solver,

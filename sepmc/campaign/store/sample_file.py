@@ -180,8 +180,8 @@ def _table_fault(table: pa.Table, names: list[str]) -> str:
 def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems) -> Any:
     """Case numbers (n,) of the rows of a table, from its ``column`` of case numbers.
 
-    Without that column (None) they are 0 to ``rows`` - 1. If a number is invalid, a problem is
-    added to ``problems``, and None is returned.
+    Without that column (None) they are 0 to ``rows`` - 1. If a number is invalid or occurs twice, a
+    problem is added to ``problems``, and None is returned.
     """
     column_key, reason = (
         f"{_KEY}, column {CASE}",
