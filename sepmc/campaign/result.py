@@ -53,7 +53,8 @@ class Result:
         run stored statistics only.
     timing : dict of str to float
         Elapsed seconds by stage: text (of the kernel), compile, steps (their selection), sample,
-        kernel and write. Writing overlaps the kernel, so the sum can exceed the elapsed time.
+        kernel and write. Writing overlaps the kernel, so the sum can exceed the elapsed time. Empty
+        for a run read from its folder.
     seed : int
     numbers : CaseSelection
         Numbers of the cases that the run was to have; fewer were run if ``stopped``.
@@ -187,9 +188,11 @@ class Result:
         Returns
         -------
         DataFrame
-            A row per outcome, with the columns of `sepmc.analysis.statistics.statistics`, the
-            numerical ``error`` in the unit of the outcome, and ``constant``, True if the outcome
-            varies by no more than its error (`sepmc.analysis.constant_outcomes`).
+            A row per outcome, indexed by its name, with the columns of
+            `sepmc.analysis.statistics.statistics`, the relative numerical ``error`` (no column if
+            it is not known), the same error in the unit of the outcome as ``error_size``, and
+            ``constant``, True if the outcome varies by no more than twice that error
+            (`sepmc.analysis.constant_outcomes`).
 
         Raises
         ------
@@ -231,7 +234,8 @@ class Result:
         Returns
         -------
         DataFrame
-            A row per requirement, with the fields of `sepmc.analysis.requirements.Verdict`.
+            A row per requirement, indexed by its name, with the other fields of
+            `sepmc.analysis.requirements.Verdict`.
         """
         errors = with_scales(self.campaign, self._errors, self.kept.summary.statistics())
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()

@@ -51,7 +51,8 @@ class RunOptions:
         Number of calibration cases from which steps are selected; 24 corners and 512 sampled cases
         if None.
     progress : callable (done, total, failures), optional
-        Called with numbers of cases after each chunk of cases.
+        Called after each chunk of cases with numbers of cases: run by this command so far, to be
+        run by it (without those already stored), and failed among those run.
     announce : callable (text), optional
         Called with messages about the run, such as the compilation of a kernel. If None, notes on
         the run are issued as `sepmc.RunWarning`.

@@ -189,8 +189,8 @@ class DesignTable:
         ``NAME_missing`` (`DesignResult.verdicts`); ``error``, the largest relative numerical error
         of an ok case, 0 if no case is ok.
     columns : dict of str to ndarray, shape (designs, cases)
-        Requested outcomes by name, in their units, and ``status`` (`sepmc.schema.Status`); empty
-        if no outcome was requested.
+        Requested outcomes and audit columns by name, in their units, and ``status``, the status
+        codes (`sepmc.schema.Status`); empty if none was requested.
     timing : dict of str to float
         Elapsed seconds by stage: sample, compile (of a fallback kernel), kernel.
     """

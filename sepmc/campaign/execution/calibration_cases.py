@@ -10,7 +10,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 
-CORNERS = 24  # besides the nominal case; more if a discrete distribution has many values
+CORNERS = 24  # besides the median case; more if a discrete distribution has many values
 SAMPLE = 512  # calibration cases sampled from the distributions
 _CORNER_PROBABILITY = 0.001  # probability of the corners of a distribution
 _WIDE_ANGLE = 0.5 * np.pi  # an angle with a wider range can have extremes anywhere

@@ -53,8 +53,8 @@ def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
     ----------
     campaign : Definition
     integration : Integration
-        Its attribute ``nominal`` has the outcomes of the nominal case; if that is None, the notes
-        are those of `file_notes` alone.
+        Its attribute ``nominal`` has the outcomes of the nominal case (dispersed inputs at their
+        medians); if that is None, the notes are those of `file_notes` alone.
 
     Returns
     -------
@@ -97,8 +97,9 @@ def worker_notes(worker_kinds: Mapping[str, int]) -> list[str]:
 def sampling_notes(
     campaign: Definition, numbers: CaseSelection, total: int | None = None
 ) -> Iterator[str]:
-    """Yield notes on how the cases of a run were sampled or selected, where confidence intervals
-    and verdicts therefore are not valid, too wide or too narrow.
+    """Yield notes on how the cases of a run were sampled or selected: where confidence intervals
+    and verdicts are therefore not valid, too wide or too narrow, and where a sample is incomplete,
+    not stratified or not balanced.
 
     ``numbers`` are the cases of the run; ``total`` is the size of the sample that they belong to.
     Without it, no note says that they are only a part of a design.

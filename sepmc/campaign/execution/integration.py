@@ -108,8 +108,9 @@ class Integration:
         (`sepmc.campaign.execution.accuracy.decisive`); NaN if unknown.
     achieved : AchievedAccuracy or None
         Numerical error of the campaign, from the calibration cases; None if unknown.
-    nominal : ndarray, shape (o,)
-        Outcomes of the nominal case, SI; None if it did not reach its end.
+    nominal : ndarray, shape (o,), or None
+        Outcomes, SI, of the case with every dispersed input at its median, which notes call the
+        nominal case; None unless its status is ok.
     notes : list of str
         Notes on the file and on the nominal case, for the user.
     fallbacks : tuple of FallbackKernel
@@ -291,9 +292,10 @@ def integrate(
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
     """Mask (n,) of the rejected cases (negative ``status``) that a kernel ``variant`` may accept.
 
-    ``status`` (n,) is FINER_STEPS or the first variant that may accept the case; the mask is False
-    where it is not negative. ``finite`` (n,) is True for cases with finite outcomes: if such a case
-    needs smaller steps only, the variant LEAST_SQUARES does not help.
+    ``status`` (n,) is FINER_STEPS or the first variant that may accept the case: then more general
+    ones may too, and after FINER_STEPS any variant may. The mask is False where the status is not
+    negative. ``finite`` (n,) is True for cases with finite outcomes: if such a case needs smaller
+    steps only, the variant LEAST_SQUARES does not help.
     """
     finer = (status == FINER_STEPS) & finite
     return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))

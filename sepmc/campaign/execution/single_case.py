@@ -121,7 +121,8 @@ def simulate_case(
     contents : Contents
         Parts of the scene of the campaign, from which the columns of outcomes and histories follow.
     row_interval_s : float
-        Interval of history rows, s; there are also two rows at each end of a phase.
+        Interval of history rows, s. There are also rows at the begin and the end of each phase, and
+        just before and after each change of a joint and end of a stroke within it.
     announce : Log, optional
         Called with a message if a kernel is compiled, which is done where plain Python takes longer
         than some ten seconds.

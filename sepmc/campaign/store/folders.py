@@ -160,8 +160,8 @@ def check_folder(
     ------
     StoreError
         If the folder contains a run and neither ``overwrite`` nor ``resume`` is True, if it
-        contains a link or files but no run, if it is a file, or if it has a file where a run keeps
-        a folder.
+        contains a link or files but no run, if it is a file, or, unless ``overwrite`` is True, if
+        it has a file where a run keeps a folder.
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give {option('out')} a folder")
