@@ -283,7 +283,8 @@ def with_errors(
 def zero_below_error(
     campaign: Definition, outcomes: Mapping[str, float], errors_by_name: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the outcomes of one case, with 0 for each value not larger than its numerical error.
+    """Return the outcomes of one case, with 0 for each value whose absolute value is at most its
+    numerical error.
 
     ``outcomes`` are by column, in the units of their columns; ``errors_by_name`` are relative
     errors by outcome, as `errors` measures them.

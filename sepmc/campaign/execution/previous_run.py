@@ -232,8 +232,8 @@ def _stored_accumulators(
 
     Saved rows of cases that are not in the accumulators are removed. If the accumulators, or a
     saved row, are missing or damaged, the state is empty and all cases remain; ``announce`` is
-    called with a message on what is damaged. Raises StoreError if the accumulators have cases that
-    are not wanted, or cannot be read.
+    called with a message on what is damaged. Raises StoreError if the accumulators are of another
+    selection of cases or have more cases than are wanted, or cannot be read.
     """
     entry = shards.accumulator_entry(folder)
     if not entry:

@@ -27,8 +27,8 @@ class KeepRules:
     Attributes
     ----------
     rules : tuple of str
-        One or several of "all", "failed", "violating" (a requirement), "worst" and "every"; a row
-        is saved if any of them selects it.
+        One or several of "all", "failed", "violating" (a requirement, or ok without its outcome),
+        "worst" and "every"; a row is saved if any of them selects it.
     worst : int
         For the rule "worst": number of worst cases that are saved for each requirement.
     every : int
@@ -176,7 +176,8 @@ class RowSelection:
             Indices, in this table, of the selected rows. Later tables can have worse cases than
             those selected as the worst here; see `final_reasons`.
         reasons : ndarray of str, shape (k,)
-            For each selected row, the rules that selected it, separated by "; ".
+            For each selected row, the rules that selected it, with the name of the requirement
+            after "violating" and "worst", separated by "; ".
         """
         numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
         reasons = np.full(len(numbers), ALL if ALL in self.keep.rules else "", dtype=object)
