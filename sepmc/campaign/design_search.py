@@ -91,7 +91,8 @@ def accepted_violations(
     fraction : float
         Factor on the number, to search with a larger margin; the result is rounded down.
     tries : int
-        Number of verdict runs, for which the confidence of each is raised.
+        Largest number of verdict runs; the confidence of each is raised so that all of them
+        together have that of the requirement.
 
     Returns
     -------
@@ -113,8 +114,8 @@ class DesignSearch:
     A design is accepted if no requirement has more violations than `accepted_violations`, times a
     ``fraction`` that the methods take. Designs that were run for one goal are reused for the next.
     ``costs`` are formulas of the variables, ``items`` the requirements, ``cases`` and ``seed``
-    those of every design, and ``tries`` the number of verdict runs, for which confidences are
-    raised. ``announce`` receives the number of designs run so far, every ten seconds.
+    those of every design, and ``tries`` the largest number of verdict runs, by which confidences
+    are raised. ``announce`` receives the number of designs run so far, every ten seconds.
     """
 
     def __init__(

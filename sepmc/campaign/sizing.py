@@ -185,11 +185,11 @@ def start_search(
     """Check a request for a sizing, and prepare its search.
 
     Parameters are those of `size`, but ``minimise`` has a formula for each cost, and ``tries`` is
-    the number of verdict runs for which confidences are raised. ``cases`` and ``seed`` (None: that
-    of the file) are those of each design of the search, ``threads`` None is all cores. Returns the
-    campaign with only the requirements of ``subject_to`` (all if it is empty), and the search,
-    before it has run a design. Raises InputError if the request is not valid, or ``cases`` are too
-    few to show a requirement.
+    the largest number of verdict runs, by which confidences are raised. ``cases`` and ``seed``
+    (None: that of the file) are those of each design of the search, ``threads`` None is all cores.
+    Returns the campaign with only the requirements of ``subject_to`` (all if it is empty), and the
+    search, before it has run a design. Raises InputError if the request is not valid, or ``cases``
+    are too few to show a requirement.
     """
     check_variables(variables)
     trees = [cost_tree(one, variables) for one in minimise]
@@ -224,7 +224,7 @@ def shown_design(
     `MAX_TRIES` times.
 
     Returns the last design, whether it passes or not. ``campaign`` and ``search`` are from
-    `start_search`; ``tries`` is the number of verdict runs for which confidences are raised;
+    `start_search`; ``tries`` is the number of verdict runs by which confidences are raised;
     ``threads`` (None: all cores) and ``announce`` are for the verdict runs, and ``out`` is the run
     folder that each of them overwrites, or None. Raises InputError if the search accepts no design.
     """

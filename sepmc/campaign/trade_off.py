@@ -45,12 +45,12 @@ class TradeOff:
     minimise : tuple of str
         Formulas of the costs.
     searched : DataFrame
-        All designs of the searches: values, costs, and ``margin``, not negative where the design
-        was accepted.
+        All designs of the searches: values, costs, and ``margin``, as in `Sizing.searched`.
     cases : int
         Number of cases of each verdict run.
     tries : int
-        Number of verdict runs for which the confidence was raised.
+        Largest number of verdict runs that were possible. Confidences are raised so that the
+        verdicts of so many runs hold together (`sepmc.analysis.proportions.raised`).
     """
 
     table: pd.DataFrame

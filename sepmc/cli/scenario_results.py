@@ -50,7 +50,8 @@ def render_scenarios(runs: ScenarioRuns) -> str:
 def render_limits(limits: LimitCases, campaign: Campaign) -> str:
     """Return text on limit cases: a table with the outcome of each requirement, a row per case;
     then the inputs of the worst combinations, and the requirements. If there are many cases, only
-    the nominal one, the violating ones, and those with the smallest margins are shown."""
+    the nominal one, the violating ones, the worst combinations, and, for each requirement, the
+    `_LIMITS_SHOWN` with the smallest margins are shown."""
     table, names = limits.table, [item.name for item in limits.requirements]
     is_worst = table["limit"].str.startswith(WORST)
     shown = is_worst | (table["limit"] == NOMINAL) | (table[names] != MET).any(axis=1)

@@ -451,8 +451,8 @@ def check_threads(threads: int | None) -> int | None:
 
 
 def thread_notes(threads: int | None) -> list[str]:
-    """Return the notes for the user if fewer than the requested ``threads`` (None: all) will be
-    used, else an empty list; see `sepmc.engine.threads.fork_notes`."""
+    """Return the note that this forked process uses one thread instead of ``threads`` (None: all);
+    an empty list if it does not, or has returned the note before."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     return pool.fork_notes(threads)

@@ -12,7 +12,7 @@ FLOPS = 2 * STEPS * CHAINS * NUMBERS  # in a pass over a block
 
 @njit(forceinline=True, fastmath={"contract"})
 def _one(x, a, b):
-    """Multiply-add x a + b of each of the eight numbers in ``x``."""
+    """Return the tuple of x a + b for each of the eight numbers in the tuple ``x``."""
     return (
         x[0] * a + b, x[1] * a + b, x[2] * a + b, x[3] * a + b, x[4] * a + b, x[5] * a + b,
         x[6] * a + b, x[7] * a + b,
@@ -21,13 +21,13 @@ def _one(x, a, b):
 
 @njit(forceinline=True, fastmath={"contract"})
 def _four(x, a, b):
-    """Four multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
+    """Return the eight numbers of the tuple ``x`` after four multiply-adds x a + b of each."""
     return _one(_one(_one(_one(x, a, b), a, b), a, b), a, b)
 
 
 @njit(forceinline=True, fastmath={"contract"})
 def _sixteen(x, a, b):
-    """Sixteen multiply-adds x a + b in succession on each of the eight numbers in ``x``."""
+    """Return the eight numbers of the tuple ``x`` after sixteen multiply-adds x a + b of each."""
     return _four(_four(_four(_four(x, a, b), a, b), a, b), a, b)
 
 

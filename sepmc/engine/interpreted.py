@@ -180,9 +180,9 @@ def _compiled(text: str, name: str) -> Any:
 
 @lru_cache(maxsize=2000)
 def _function_code(text: str) -> Any:
-    """Compile a function of a kernel, given by its source, with safe divisions, and with one loop
-    in place of those over components and over the one lane. The code object is cached, since
-    similar scenes share most functions."""
+    """Compile a function of a kernel, given by its source, with safe divisions. A loop over
+    components and the loop over the one lane within it become one loop, which is faster. The code
+    object is cached, since similar scenes share most functions."""
     joined = _COMPONENTS.sub(r"for e, l in zip(range(\1), _ZEROS):\n\n", text)
     return _compiled(_OF_COMPONENT.sub("+ e", joined), "<kernel>")
 

@@ -35,7 +35,7 @@ class ThrustCurve:
     time : list of float
         s, rising strictly.
     thrust : list of float
-        N, or fractions of a thrust.
+        N, or fractions of the motor's ``thrust_N``.
     is_fraction : bool
         True if ``thrust`` has fractions.
     understood : list of str

@@ -344,7 +344,7 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
 
 def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Append the loop over the steps of an interval for a segment in which all lanes take the same
-    number of steps: that chosen for segment ``number``."""
+    number of steps: ``steps[number]``, an argument of the kernel."""
     size, pending, after = (
         f"{c.spec.active_size(segment)} * LANES",
         _pending_calls(segment),
