@@ -460,7 +460,7 @@ def thread_notes(threads: int | None) -> list[str]:
 
 def use_threads(threads: int | None) -> None:
     """Make compiled code that this Python thread calls run on ``threads`` threads from now on;
-    None: on all."""
+    None: on all. Raises InputError as `check_threads` for the threading layer."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     pool.use_threads(threads)

@@ -244,8 +244,9 @@ def _is_copied(name: str) -> bool:
 
 
 def _copied() -> dict[str, ModuleType]:
-    """Return the modules in `sys.modules`, by name, that are formulas or routines: the first or the
-    second copies, whichever are there."""
+    """Return the modules in `sys.modules`, by name, that are formulas or routines: within
+    `_second_copies` their second copies, else the first ones (the modules as the rest of sepmc
+    imports them)."""
     return {name: module for name, module in sys.modules.items() if _is_copied(name)}
 
 

@@ -82,10 +82,10 @@ def read_bytes(path: Path, most: int = FILE_BYTES) -> bytes:
 
 def read_text(path: Path, most: int = FILE_BYTES) -> str:
     """Text of a file, decoded as UTF-8 or, if that fails, Latin-1. Raises FormatError if it cannot
-    be read, has more than ``most`` bytes or has zero bytes."""
+    be read, has more than ``most`` bytes or contains NUL bytes (value 0)."""
     data = read_bytes(path, most)
     if b"\0" in data:
-        raise FormatError("is no text: it has zero bytes")
+        raise FormatError("is no text: it contains NUL bytes")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -131,7 +131,7 @@ def test_files_that_are_none(tmp_path):
     with pytest.raises(FormatError, match="is no regular file"):
         read_table(tmp_path)
     (tmp_path / "zero.csv").write_bytes(b"a,b\n\0,1\n")
-    with pytest.raises(FormatError, match="zero bytes"):
+    with pytest.raises(FormatError, match="NUL bytes"):
         read_table(tmp_path / "zero.csv")
     (tmp_path / "big.csv").write_bytes(b"a" * 4_000_001)
     with pytest.raises(FormatError, match="must be at most 4,000,000"):
