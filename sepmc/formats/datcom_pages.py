@@ -352,8 +352,9 @@ class _Pages:
             self.cases[self.case].name = names[0]
 
     def _end_heading(self) -> None:
-        """Take the name of the case from the heading of a page; of Digital DATCOM only if there are
-        no input cards, and another name than that of the case then begins a case."""
+        """Set the name of the case from the heading of a page. An output of Digital DATCOM with
+        input cards has its names there, so nothing changes; without cards, a name other than that
+        of the present case begins a new case."""
         if "MISSILE" in " ".join(self.heading[:1]).upper():
             kind = self.heading[-1]
             known = "STATIC AERODYNAMICS FOR" in kind or "DYNAMIC DERIVATIVES" in kind
