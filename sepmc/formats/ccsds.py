@@ -156,10 +156,10 @@ def _frame(segment: Segment) -> tuple[str, float]:
 
 
 def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,), m, and velocity (3,), m/s, of an OEM's segment at ``epoch``: those of the row
-    at that epoch, else of the cubic through positions and velocities of the two rows around it.
-    Raises FormatError if these rows contradict each other, or the position is not near the
-    Earth."""
+    """Position (3,), m, and velocity (3,), m/s, of an OEM's segment at ``epoch``, in the frame of
+    the segment: those of the row at that epoch, else of the cubic through positions and velocities
+    of the two rows around it. Raises FormatError if these rows contradict each other, or the
+    position is not near the Earth."""
     rows = np.array(segment.rows)
     times = np.array(segment.epochs) - segment.epochs[0]
     positions, velocities = 1e3 * rows[:, :3], 1e3 * rows[:, 3:6]
@@ -226,10 +226,10 @@ def _attitude(
     attitude: Any, epoch: float, text: str, frame: str
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Read the attitude of the vehicle at an epoch. Returns the rotation matrix (3, 3) from body
-    axes (forward, up, right) to the frame of the trajectory, the angular rate (3,) in body axes,
-    rad/s, and sentences. ``attitude`` is the option of `read_initial`, ``text`` the epoch for
-    messages. Raises FormatError if the option or the file is not valid, or no segment
-    encloses the epoch."""
+    axes (forward, up, right) to the frame of the trajectory, the angular rate (3,) relative to this
+    frame in body axes, rad/s (constant between two rows, 0 if there is only one), and sentences.
+    ``attitude`` is the option of `read_initial`, ``text`` the epoch for messages. Raises
+    FormatError if the option or the file is not valid, or no segment encloses the epoch."""
     if not isinstance(attitude, dict) or not isinstance(attitude.get("file"), str):
         raise FormatError('the attitude must be a table: { file = "NAME.aem", axes = "..." }')
     if unknown := [key for key in attitude if key not in ("file", "axes")]:

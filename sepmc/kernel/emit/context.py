@@ -225,8 +225,9 @@ class Context:
         """Names of the error indicators of a case, in the order of the field INDICATORS.
 
         First, of each body, the maximum embedded error of its velocity V, attitude Q and angular
-        rate OMEGA; then, of each event, the time per unit of its condition (such as s/m), which
-        converts an error of the state to one of the event time; then those of loads.
+        rate OMEGA; then, of each event and joint load condition of each segment, the time per unit
+        of its condition (such as s/m), which converts an error of the state to one of the event
+        time; then those of the loads of output joints (`load_indicators`).
         """
         of_bodies = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
         events = [
