@@ -243,8 +243,8 @@ def tables_beside(folder: Path) -> list[page.PlainTable]:
 
 
 def _cell(value: Any) -> str:
-    """Return a value of a stored table as text, a float with 5 digits; empty for NaN, which stands
-    for a missing value."""
+    """Return a value of a stored table as text, a float with 5 significant digits; empty for NaN,
+    which stands for a missing value."""
     if isinstance(value, float):
         return "" if math.isnan(value) else f"{value:.5g}"
     return str(value)

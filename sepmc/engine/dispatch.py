@@ -181,7 +181,8 @@ def integrate_cases(
     samples : ndarray, shape (n, d)
         Sampled values in SI units; fastest if stored by column.
     n_rows : int
-        Number of rows of the separation history of a case; 0 for none.
+        Number of rows of the separation history of a case, from the start at intervals of
+        ``run.history_step_s``; 0 for none.
     methods : ndarray of int, shape (segments,), optional
         Index of the integration method in ``kernel.methods`` of each segment; by default the most
         accurate one, 0.

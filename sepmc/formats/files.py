@@ -173,8 +173,9 @@ def _move(
     key_path: str, kind: str, owner: dict[str, Any], keys: dict[str, Any], problems: Problems
 ) -> None:
     """Remove from ``owner`` the table at ``key_path``, which named the file, and put the keys read
-    from the file into ``owner`` instead. Adds problems for other keys of that table, with
-    those that a table of this ``kind`` (a key of `_OPTIONS_OF`) may have."""
+    from the file into ``owner`` instead. Adds a problem for each other key of that table, which
+    lists the keys allowed for its ``kind`` (a key of `_OPTIONS_OF`), and for each quantity that
+    ``owner`` gives too."""
     parent, _, name = key_path.rpartition(".")
     for key in owner.pop(name):
         allowed = ", ".join(("file", *_OPTIONS_OF[kind]))

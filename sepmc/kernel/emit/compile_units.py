@@ -46,8 +46,10 @@ class CompileUnit:
 
 
 class _Module:
-    """Syntax trees of a kernel, given as source text: its functions and other definitions by name,
-    and which functions are compile units (``codes`` has the letters of their argument types)."""
+    """Syntax trees of a kernel, given as source text: its ``functions`` and other ``definitions``
+    by name, and its whole ``numbers`` by name. Of each function that is a compile unit, ``codes``
+    has the letters of the argument types, and ``indices`` the position in the table of addresses;
+    ``order`` has the positions of the definitions."""
 
     def __init__(self, text: str):
         module = ast.parse(text)
