@@ -94,8 +94,8 @@ def cache_lock(name):
 
 def compile_command(program: str) -> dict[str, Any]:
     """Return the keyword arguments of `subprocess.Popen` that start a Python program, given as
-    source text, which fills the cache of this process. The program imports nothing from the working
-    folder."""
+    source text, which uses the same cache folder as this process. The program imports nothing from
+    the working folder."""
     path = os.pathsep.join(folder for folder in sys.path if folder)
     return {
         "args": [sys.executable, "-P", "-c", program],

@@ -25,14 +25,16 @@ def open_run(folder: str | Path) -> Result:
     Returns
     -------
     Result
-        As `Campaign.run` returns it, but ``timing`` is empty, ``integration`` None and ``resumed``
-        0. Rows are read on demand.
+        As `Campaign.run` returns it, but ``timing`` is empty, ``integration`` None, ``resumed`` 0,
+        and ``stopped`` True whenever the run is not complete. Rows are read on demand.
 
     Raises
     ------
     StoreError
         If the folder is no run folder, has no case rows, has the format of another version of
         sepmc, contains links, or was changed.
+    PathError
+        As `sepmc.paths.as_path`, for a folder in object storage.
     """
     path = as_path(folder)
     if not folders.is_run(path):

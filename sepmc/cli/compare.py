@@ -97,7 +97,8 @@ def compare(
 def _compare_runs(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
     """Print the differences between two runs, with at most `_SHOWN` outcomes, the most important
     ones. If the folder ``out`` is not None, write compare.csv, with all outcomes, and compare.png,
-    with the printed ones, into it."""
+    with the printed ones, into it; raise InputError if compare.csv is there and ``overwrite`` is
+    False."""
     paths = one, two
     for folder in paths:
         check_rows(folder)

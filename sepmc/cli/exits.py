@@ -31,7 +31,7 @@ _UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENOENT)
 
 
 class Terminated(KeyboardInterrupt):
-    """Raised at SIGTERM: ends a command as Ctrl-C does, but with an exit code of its own."""
+    """Raised at SIGTERM: ends a command as Ctrl-C does, but with exit code 143, not 130."""
 
 
 class Program(click.Group):

@@ -19,7 +19,7 @@ def fit(folder: Path, outcomes: tuple[str, ...]) -> None:
     """Fit distributions to each OUTCOME of RUN, by default to the most important ones: skewness and
     kurtosis (each with its standard error for a normal distribution), a test for normality, the
     nearest of six distributions, and its 99.865 % point beside that of the cases. Writes
-    distributions.csv, with all outcomes, into RUN.
+    distributions.csv, with all outcomes but those that are yes or no, into RUN.
 
     \b
     Example:

@@ -21,7 +21,7 @@ from sepmc.schema import Column
 
 def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
     """Write the table of a map as CSV or Parquet, by the ending of ``path``; return ``path``.
-    Raises StoreError if a Parquet file cannot be written."""
+    If it cannot be written, Parquet raises StoreError, and CSV OSError."""
     table = designs.table
     if path.suffix.lower() == ".csv":
         folders.write_text(path, table.to_csv(index=False))

@@ -25,7 +25,7 @@ ACCURACY_FAULT = "the requested accuracy was not met; see the warning above"
 def check_rows(folder: Path) -> dict[str, Any]:
     """Return the manifest of a run folder that stores the rows of its cases (of an interrupted run,
     those so far). Raises StoreError if the folder has statistics only, maybe with selected rows, a
-    single case, or a rare-event estimate."""
+    single case, or a rare-event estimate, or as `read_manifest`, such as for a changed file."""
     from sepmc.campaign.store import folders, manifests
 
     manifest = manifests.read_manifest(folder)

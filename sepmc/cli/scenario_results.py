@@ -94,7 +94,8 @@ def _limit_cell(row: Mapping[Hashable, Any], name: str) -> str:
 
 def unmet_verdicts(runs: ScenarioRuns) -> list[str]:
     """Return a text for each run, of the file itself and of its scenarios, in which a verdict is
-    not pass, or which has no requirement: the scenario, and the verdicts with reasons, if any."""
+    not pass, or which has no requirement: the name of the scenario, and those verdicts, of which
+    "none" comes with its reason."""
     texts = []
     for name, result in runs.results.items():
         verdicts = result.requirements().to_dict("index")

@@ -62,7 +62,7 @@ class SingleRun:
 def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
     """Simulate a case, write its folder, and print its outcomes. Returns the exit code: 1 if the
     status is not ok, or the row of the case in ``single.run`` is not reproduced; else 0. Raises
-    StoreError if the folder cannot be used."""
+    StoreError if the folder cannot be used, and InputError if ``single.every_s`` is not valid."""
     from sepmc import schema
     from sepmc.campaign.execution.accuracy import zero_below_error
     from sepmc.campaign.store import folders, manifests

@@ -216,5 +216,6 @@ def other_settings(
 
 
 def _path(key: str) -> tuple[str, ...]:
-    """Return the keys of a TOML path, without units."""
+    """Return the keys of a TOML path without units: ("body", "upper", "mass") of
+    "body.upper.mass_kg"."""
     return split_units(parts(key))[0]

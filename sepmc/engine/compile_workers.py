@@ -122,7 +122,8 @@ def compile_all(names: Sequence[str], progress: Progress = lambda done, total: N
 
 def _compile_queue(queue: deque[str], on_done: Callable[[], None]) -> bool:
     """Compile the modules named in a queue, in one process for each core, and call ``on_done``
-    after each module. Returns False if a process ended before the queue was empty."""
+    (from several threads) after each module. Returns False if a process ended before the queue was
+    empty."""
     compilers = _ready(min(os.cpu_count() or 1, len(queue)))
     with ThreadPoolExecutor(len(compilers)) as threads:
         try:
@@ -143,7 +144,7 @@ def running() -> list[Compiler]:
 
 @atexit.register
 def end_all() -> None:
-    """End all compiling processes of this process."""
+    """Kill all compiling processes that this process has started."""
     while _compilers:
         _compilers.pop().end()
 

@@ -469,8 +469,8 @@ def use_threads(threads: int | None) -> None:
 
 @contextlib.contextmanager
 def using_threads(threads: int | None) -> Iterator[None]:
-    """Context in which compiled code runs on ``threads`` threads (None: on all); the former number
-    is restored at its end."""
+    """Context in which compiled code runs on ``threads`` threads (1 or more; None: on all); the
+    former number is restored at its end. Raises InputError as `use_threads`."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     with pool.using_threads(threads):

@@ -88,7 +88,8 @@ def max_threads() -> int:
 
 
 def in_use() -> int:
-    """Return the number of threads that compiled code runs on, after starting them.
+    """Return the number of threads that compiled code runs on, after starting them; 1 in a forked
+    process, which cannot start them.
 
     Raises
     ------
@@ -132,8 +133,9 @@ def use_threads(count: int | None) -> int:
 
 @contextlib.contextmanager
 def using_threads(count: int | None) -> Iterator[int]:
-    """Context in which compiled code runs on ``count`` threads (None: on all); it yields the number
-    in use. The former number is restored at its end. Raises InputError as `in_use`."""
+    """Context in which compiled code runs on ``count`` threads (1 to `max_threads`; None: all); it
+    yields the number in use. The former number is restored at its end. Raises InputError as
+    `in_use`."""
     before = in_use()
     try:
         yield use_threads(count)

@@ -166,7 +166,8 @@ class Columns:
             self.named[quantity] = (title, scale, unit)
 
     def find(self, name: str, quantity: Quantity, default: str = "") -> np.ndarray | None:
-        """Find the column of a quantity and convert it to SI.
+        """Find the column of a quantity (the one that ``named`` gives, else the one with a title of
+        the quantity) and convert it to SI.
 
         Parameters
         ----------

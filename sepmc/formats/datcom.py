@@ -269,8 +269,9 @@ def _chosen(text: str, options: dict[str, Any]) -> tuple[Output, float]:
 def _table(output: Output, sideslip: float) -> tuple[dict[str, Any], list[str]]:
     """Convert the output of a case to an aerodynamic table and sentences, as `parse_datcom` returns
     them. The axes are Mach number, alpha and, if values or slopes over it are there, beta; slopes
-    by beta become lines up to +-``sideslip``, deg. Raises FormatError if CN or CA is missing, a
-    sideslip is missing at one of the Mach numbers, or no alpha has CN and CA in all blocks."""
+    by beta become lines up to +-``sideslip``, deg. Mach numbers and angles of attack at which CN or
+    CA is missing are left out, with a sentence. Raises FormatError if none is left, or a sideslip
+    is missing at one of the Mach numbers."""
     understood = [f"{name} {value}" for name, value in output.references.items()]
     understood += output.understood
     blocks = [b for b in output.blocks if "CN" in b.values and "CA" in b.values]

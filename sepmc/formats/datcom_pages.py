@@ -340,7 +340,8 @@ class _Pages:
         self.cases.setdefault(case, Case())
 
     def _end_cards(self) -> None:
-        """Begin a case of Digital DATCOM, unless its input cards only change flight conditions."""
+        """End a list of input cards of Digital DATCOM: begin a case, unless the cards only change
+        flight conditions of the present one, and take the name of the case from them."""
         self.in_cards = False
         names = [printable(match[1]) for card in self.cards if (match := _CASE_NAME.match(card))]
         current = self.cases[self.case]

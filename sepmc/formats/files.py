@@ -206,8 +206,9 @@ def _thrust(
     """Put the thrust curve in a file into ``profile``, the table at ``key_path``. Forces become
     fractions of the thrust in ``motor``, which gets the peak as ``thrust_N`` if it has none; a
     curve of fractions is taken as it is. A key ``total_impulse_...`` of ``profile`` is removed, and
-    forces are scaled to that impulse. ``options`` are those of `read_thrust`. Adds problems;
-    returns sentences on what was read. Raises FormatError if the file is rejected."""
+    forces are scaled to that impulse (with fractions it is a problem). ``options`` are those of
+    `read_thrust`. Adds problems; returns sentences on what was read. Raises FormatError if the file
+    is rejected."""
     curve = read_thrust(path, options)
     understood = curve.understood
     if any(split_unit(key)[0] == "build_up" and value for key, value in motor.items()):

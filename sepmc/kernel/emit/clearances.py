@@ -148,8 +148,9 @@ def _part_lines(c: Context, i: int, side: int) -> list[str]:
 
 def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
     """Append lines that store clearance ``i`` (the distance of its two bodies at the state ``s``,
-    m) at the workspace path ``destination``; NaN in lanes where the condition ``active`` (code) is
-    not satisfied. The search is that over a step without motion."""
+    m) at the workspace path ``destination`` (code of an index, without the lane); NaN in lanes
+    where the condition ``active`` (code) is not satisfied. The search is that over a step without
+    motion."""
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.position(body) for body in entry.bodies)

@@ -1,5 +1,6 @@
 """State that the emitters of one kernel share: the specification that it is written for, the fields
-added to its workspace so far, and helpers for names of fields and for rejecting cases."""
+added to its workspace so far, and helpers for names of fields and for rejecting cases. A workspace
+path is code of the index of a number in the workspace, without the lane."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -23,7 +24,9 @@ class Context:
 
     Any emitter may add fields to the workspace and use expressions of ``case``, which are computed
     before a case is integrated. The function that computes these, and the offsets of the fields,
-    are therefore written last.
+    are therefore written last. ``solver`` is the name of the integration method, or AUTO;
+    ``history`` (NO_HISTORY, SEPARATION_HISTORY or FULL_HISTORY) states which rows over time the
+    kernel writes.
     """
 
     spec: KernelSpec
@@ -37,7 +40,8 @@ class Context:
         self.case = Case(Scope(self.workspace), self.spec)
 
     def methods(self, segment: Segment) -> tuple[Method, ...]:
-        """Integration methods that a segment may be integrated by, the most accurate first."""
+        """Integration methods of a segment that the kernel contains, the most accurate first; each
+        run selects one of them."""
         return methods_of(self.solver, self.uses_extension(segment), self.has_extension)
 
     @property
@@ -327,7 +331,8 @@ def reject_unless(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> N
 
 def reject_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
     """Add lines to a scope that reject the case of a lane, unless it is rejected already, where a
-    condition is satisfied; ``status`` is as in `reject_unless`."""
+    condition is satisfied; ``status`` is as in `reject_unless`. A comparison with NaN is not
+    satisfied, so it does not reject here, but does in `reject_unless`."""
     _reject(scope, where(condition, float(status), 0.0))
 
 
