@@ -62,10 +62,11 @@ class DaskExecutor:
         numbers, ``first`` to ``end - 1``; yield the results as they complete, in any order.
 
         Dask runs the range of a lost worker on another one
-        (``distributed.scheduler.allowed-failures``). If the scheduler is lost, all ranges that are
-        not done are submitted again once it is back. Raises ClusterError if the scheduler or all
-        workers are gone for a minute, or if a range ends every worker that runs it; an error of
-        ``function`` is raised here, too.
+        (``distributed.scheduler.allowed-failures``). If the scheduler at an address is lost, all
+        ranges that are not done are submitted again once it is back. Raises ClusterError if it or
+        all workers are gone for a minute, at once if the scheduler that started the workers on this
+        machine is lost, or if a range ends every worker that runs it; an error of ``function`` is
+        raised here, too.
         """
         source = iter(ranges)
         remaining: dict[int, tuple[int, int]] = {}

@@ -37,8 +37,8 @@ def _numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> l
 @QUIET
 def report(folder: Path, no_replay: bool, numbers: list[int], quiet: bool) -> None:
     """Write the report of RUN, report.html: verdicts, statistics, figures, sensitivities, the worst
-    cases over time and as three-dimensional replays, and how the run was made, in one page that
-    needs no network.
+    cases (and those of --replays) over time and as three-dimensional replays, and how the run was
+    made, in one page that needs no network.
 
     \b
     Examples:

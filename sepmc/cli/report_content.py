@@ -266,9 +266,9 @@ def _points(
 
 
 def _worst_cases(campaign: Campaign, run: RunStatistics) -> dict[int, tuple[str, str]]:
-    """Choose the worst cases of requirements to show over time: at most two, up to four if more
-    requirements fail; those of failing requirements come first. The first cases that did not finish
-    or lack a required outcome follow, at most four.
+    """Choose the worst cases of requirements to show over time, those of failing requirements
+    first: as many cases as requirements fail, but at least two, if there are, and at most four. The
+    first cases that did not finish or lack a required outcome follow, at most four.
 
     Returns, by case number, its title in the report, and the end of a log message with the reason
     of the choice.

@@ -99,7 +99,7 @@ def sizing_record(
 
 
 def _distinct(sizing: Sizing) -> "pd.DataFrame":
-    """Return the table of the designs searched, each of them once."""
+    """Return the table `Sizing.searched` with one row, the first, for each design."""
     return sizing.searched.drop_duplicates(list(sizing.values))
 
 

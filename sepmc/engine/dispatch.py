@@ -235,7 +235,7 @@ def integrate_nominal(
     steps : ndarray of int, shape (segments,)
         As in `integrate_cases`.
     typical : ndarray, shape (segments,)
-        Typical duration of each segment, s.
+        Typical duration of each segment, s (`sepmc.engine.blocks.integrate`).
     instants : ndarray, shape (m, 3)
         As in `integrate_histories`.
 
@@ -286,7 +286,7 @@ def integrate_histories(
     steps : ndarray of int, shape (segments,)
         As in `integrate_cases`.
     typical : ndarray, shape (segments,)
-        Typical duration of each segment, s.
+        Typical duration of each segment, s (`sepmc.engine.blocks.integrate`).
     slots : ndarray of int, shape (d,)
         Positions of the sampled values in the parameter vector.
     samples : ndarray, shape (n, d)

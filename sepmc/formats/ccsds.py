@@ -27,8 +27,9 @@ _EULER = {"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"}
 
 
 def _segment_at(segments: list[Segment], epoch: float, text: str) -> Segment:
-    """Return the first segment whose rows enclose ``epoch``, s as in `Segment.epochs`. Raises
-    FormatError if there is none; ``text`` is the epoch for the message."""
+    """Return the first segment whose first row is not after ``epoch``, s as in `Segment.epochs`,
+    and whose last row is not before it. Raises FormatError if there is none; ``text`` is the epoch
+    for the message."""
     for segment in segments:
         if segment.epochs[0] <= epoch <= segment.epochs[-1]:
             return segment
@@ -191,7 +192,8 @@ def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _vertical(position: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Unit vectors up (normal to the ellipsoid of WGS 84) and east, each (3,), at a position (3,),
-    m, in Earth axes, and its height above the ellipsoid, m. Raises FormatError above a pole."""
+    m, in Earth axes, and its height above the ellipsoid, m. Raises FormatError within 1 m of the
+    axis of the Earth (above a pole)."""
     x, y, z = position
     radius = math.hypot(x, y)
     if radius < 1.0:

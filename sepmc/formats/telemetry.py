@@ -158,8 +158,8 @@ def read_telemetry(
         ]
         if not mapped:
             raise FormatError(
-                f"no channel has the name of a column; give a map, such as {_EXAMPLE}; channels: "
-                f"{_listed(channels)}"
+                "no channel has the name of a column; name one by --map (map in Python), such as "
+                f"{_EXAMPLE}; channels: {_listed(channels)}"
             )
     result: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     understood = [f"the library that reads the file warns: {remark}" for remark in remarks]
