@@ -122,12 +122,12 @@ def _fault(error: ValueError) -> InputError:
 
 
 def use_threads(count: int | None) -> int:
-    """Make compiled code that this Python thread calls run on ``count`` threads from now on; None:
-    on all. Returns the number in use, which is 1 in a forked process. Raises InputError as
-    `in_use`."""
+    """Make compiled code that this Python thread calls run on ``count`` threads from now on; None,
+    or more than `max_threads`, as a worker of a cluster may be given: on all. Returns the number in
+    use, which is 1 in a forked process. Raises InputError as `in_use`."""
     if not _forked:
         in_use()
-        set_num_threads(count or max_threads())
+        set_num_threads(min(count or max_threads(), max_threads()))
     return in_use()
 
 

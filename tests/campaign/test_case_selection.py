@@ -1,5 +1,6 @@
 """Which cases are flown: so many, those named, those of a table; no more than it takes."""
 
+import re
 import shlex
 import time
 
@@ -122,6 +123,18 @@ def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
         campaign.run("3:5", out=folder, resume=True)
     pd.testing.assert_frame_equal(flown(campaign, None, out=folder, resume=True), every)
     assert "numbers" not in read_manifest(folder)
+
+
+def test_statistics_of_named_cases_continue_with_these_only(file, tmp_path):
+    """Rows are not stored, so that another selection cannot have these cases out or others in; the
+    error names the selection that can be continued."""
+    campaign, folder = sepmc.load(file), tmp_path / "run"
+    campaign.run("3:5,9", out=folder, stats_only=True)
+    for other in ("3:6,9", "3:5"):
+        with pytest.raises(StoreError, match=re.escape("continue with cases=3:5,9, or give")):
+            campaign.run(other, out=folder, stats_only=True, resume=True)
+    campaign.run("3:5,9", out=folder, stats_only=True, resume=True)
+    assert read_manifest(folder)["numbers"] == "3:5,9"
 
 
 def _as_earlier_versions(selection):

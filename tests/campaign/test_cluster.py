@@ -21,6 +21,7 @@ from sepmc.campaign.execution.work_ranges import StaleWorkerError
 from sepmc.campaign.store import manifests, shards
 from sepmc.cli import app
 from sepmc.cluster import ClusterError, DaskExecutor, dask_executor
+from sepmc.engine import threads
 from sepmc.scene.messages import InputError
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
@@ -183,6 +184,12 @@ def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, message
     with pytest.raises(InputError, match=message):
         campaign.run(**{"cases": 9} | given, executor=DaskExecutor(None, None, 1, 1))
     assert not (tmp_path / "run").exists()
+
+
+def test_a_worker_with_fewer_cores_than_threads():
+    """It uses those that it has; `--threads` was checked where the command runs, not there."""
+    with threads.using_threads(threads.max_threads() + 3) as count:
+        assert count == threads.max_threads()
 
 
 def test_no_scheduler(tmp_path):

@@ -250,9 +250,9 @@ def _stored_accumulators(
     if not is_same or entry.first > spec.numbers.count:
         raise folders.StoreError(
             f"{folder}: contains statistics of {entry.first} cases"
-            f"{f' of {numbers}' if numbers else ''}; "
-            f"{_cases_option(spec.numbers)} would leave some out; give a selection with all of "
-            f"them, or another {option('out')}"
+            f"{f' of {numbers}' if numbers else ''}, without their rows, so "
+            f"{_cases_option(spec.numbers)} would leave some out; {_statistics_continue(numbers)}, "
+            f"or give another {option('out')}"
         )
     later_range = spec.numbers.after(entry.first).ranges
     n_selected = shards.drop_selected(folder, later_range[0][0] if later_range else None)
@@ -266,6 +266,12 @@ def _stored_accumulators(
         return PreviousRun(), spec.numbers
     summary = read_summary(about.get(b"summary", b""), folder / entry.file)
     return PreviousRun(entry.first, summary, arrays=tuple(arrays)), spec.numbers.after(entry.first)
+
+
+def _statistics_continue(numbers: str) -> str:
+    """Say with which cases statistics without rows of the selection ``numbers`` (empty: the first
+    cases) can be continued."""
+    return f"continue with {option('cases', numbers)}" if numbers else "continue with more cases"
 
 
 def _cases_option(numbers: CaseSelection) -> str:
