@@ -578,7 +578,8 @@ def result_columns(contents: Contents) -> list[Column]:
 
 def separation_columns(joints: list[str]) -> list[Column]:
     """Return the columns that follow ``case`` and ``time_s`` in stored histories: separation speed
-    and distance of each of the ``joints``, given by name."""
+    and distance of each of the ``joints``, given by name; of several joints, the names of columns
+    begin with that of the joint."""
     columns = []
     for joint in joints:
         columns += _columns(_JOINT[:2], "" if len(joints) == 1 else f"{joint}_", joint)

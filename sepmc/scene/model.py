@@ -509,9 +509,9 @@ class Phase(_Table, frozen=True, kw_only=True):
 
 
 class Release(_Table, frozen=True, kw_only=True):
-    """Change of one joint to the kind ``to`` when a condition is met, in any phase. A case in which
-    the condition is not met and the joint still constrains at the end has the status
-    never-released, unless the release is ``optional``."""
+    """Change of one joint to the kind ``to`` when a condition is met, in any phase, or the joint's
+    ``delay`` later. A case that ends with the condition not met and the joint constraining more
+    than ``to`` does has the status never-released, unless the release is ``optional``."""
 
     name: Name
     joint: str

@@ -240,8 +240,8 @@ def replace(scene: Scene, values: dict[str, float]) -> Scene:
 
 
 def _replace(node: Any, parts: list[str], number: float, field: Field | None) -> Any:
-    """Copy of a node of the scene in which the number at the path ``parts`` below it is replaced;
-    ``field`` is the field that has the node."""
+    """Copy of a node of the scene in which the number at the path ``parts`` below it is replaced by
+    ``number``, SI; ``field`` is the field that has the node."""
     if not parts:
         return number
     part, rest = parts[0], parts[1:]

@@ -118,7 +118,8 @@ def _check_kind(key_path: str, joint: str, kind: str, scene: Scene, problems: Pr
 
 def _check_condition(key_path: str, until: Condition, scene: Scene, problems: Problems) -> None:
     """Add problems of a condition and of those nested in it: nothing to wait for, a joint, body,
-    motor or spring that does not exist, a motor that never burns out, or keys that need others."""
+    motor or spring that does not exist, a motor that never burns out, keys that need others, or a
+    direction that does not belong to exactly one quantity."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
     of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
     if (

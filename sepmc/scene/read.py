@@ -369,8 +369,9 @@ def _with_strokes(scene: Scene) -> Scene:
 def _check_input_table(
     table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
 ) -> None:
-    """Add a problem for each column of the samples whose name looks like an input's but is not that
-    of a dispersed parameter, and one if no column gives a dispersed parameter."""
+    """Add a problem for each column of the samples that is not used, if its name begins with
+    ``in_`` or differs from that of a used one (or ``case``) by capitals, punctuation or ``in_``
+    only; and one if no column gives a dispersed parameter."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
     spellings = {_letters(name): name for name in (CASE, *known)}

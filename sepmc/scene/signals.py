@@ -169,7 +169,7 @@ def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
     responses = {"lag_s": signal.lag, "servo": signal.servo, "integral": signal.integral or None}
     given = [key for key, value in responses.items() if value is not None]
     if len(given) > 1:
-        problems.add(key_path, f"has {' and '.join(given)}: give one of them")
+        problems.add(key_path, f"has {' and '.join(given)}: give only one of them")
     if signal.rate_limit is not None and signal.lag is None:
         problems.add(f"{key_path}.rate_limit", "needs lag_s", signal.rate_limit)
     if signal.delay > 0.0 and signal.sample is None:
@@ -204,13 +204,14 @@ def check_signals(
     scene: Scene, driven: Mapping[str, tuple[str, Driven]], problems: Problems
 ) -> None:
     """Add a problem for each formula that cannot be parsed, name in one that is unknown, constant
-    not used, signal that depends on its own present value, signal with too many samples, and number
-    of ``driven`` (see `take_driven`) whose signal does not exist."""
+    that is not used or has the name of a signal, signal with too many samples, and number of
+    ``driven`` (see `take_driven`) whose signal does not exist; and one for the first signal that
+    depends on its own present value."""
     for signal in scene.signal:
         if signal.sample is not None and scene.run.end_time / signal.sample > _MOST_SAMPLES:
             reason = (
                 f"gives more than {_MOST_SAMPLES:,} samples up to {scene.run.end_time:g} s: "
-                "give a longer one"
+                "give a longer interval"
             )
             problems.add(f"signal.{signal.name}.sample_s", reason, signal.sample)
     known = [signal.name for signal in scene.signal]

@@ -130,8 +130,9 @@ class Studio:
         self._case_s = result.timing["kernel"] / self.cases
 
     def start(self) -> dict[str, Any]:
-        """Return the values, by name, that the page is rendered with at the start: campaign, cases,
-        seed, sliders, keys that can have a slider, and names of requirements."""
+        """Return the values, by name, that the page is rendered with at the start: name and title
+        of the campaign, number of cases, its maximum, seed, sliders, keys that can have a slider,
+        and names of requirements."""
         return {
             "name": self.campaign.name,
             "title": self.campaign.file.title,

@@ -293,8 +293,8 @@ def _isfinite(f: Any, x: Number) -> Number:
 
 
 def _power_of_two(f: Any, k: Number) -> Number:
-    """Add to ``f`` the code of 2 to the power of ``k``, a whole number given as a float, which sets
-    the bits of the exponent; return the result."""
+    """Add to ``f`` the code of 2 to the power of ``k``, a whole number given as a float, from -1022
+    to 1023 (not checked), which sets the bits of the exponent; return the result."""
     shifted = f.emit(FLOAT, f"fadd double {k.text}, {constant(1023.0).text}")
     bits = f.emit(INT, f"shl i64 {_int(f, shifted).text}, 52")
     return f.emit(FLOAT, f"bitcast i64 {bits.text} to double")

@@ -21,8 +21,8 @@ class callee:
     Parameters
     ----------
     position : int
-        Index of the called unit among the units of the kernel: its address is ``position + 1``
-        integers before the workspace.
+        Index of the called unit among the units of the kernel: its address is stored
+        ``position + 1`` integers before the start of the workspace.
     codes : str
         Types of its arguments after the workspace, as in `compile_unit`.
     """

@@ -27,7 +27,7 @@ def side_by_side(
     names : iterable of str
         Groups to run. A single one is run by this process.
     in_process : iterable of str
-        Groups that this process runs, because what they cache is needed afterwards.
+        Groups of ``names`` that this process runs, because what they cache is needed afterwards.
     on_done : callable (str), optional
         Called with the name of each finished group.
 

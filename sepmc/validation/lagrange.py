@@ -149,8 +149,9 @@ def _translations(constrained: str, motion: Motion) -> tuple[Array, Array]:
 def _rotations(
     constrained: str, pair: Pair, motion: Motion, w: Array, w_b: Array
 ) -> tuple[Array, Array]:
-    """Axes H (3, n), as columns, about which B may rotate relative to A, and H' u (3,), the part of
-    the relative angular acceleration that follows from the rates alone; ground axes.
+    """Axes H (3, n), as columns, about which B may rotate relative to A, and H' u (3,), with u the
+    rates about them: the part of the relative angular acceleration that follows from the rates
+    alone; ground axes.
 
     ``constrained`` has the letters of the constrained rotations, such as "yz"; the rates w of A and
     w_b of B, rad/s, are in ground axes too.

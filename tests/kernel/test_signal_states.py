@@ -146,7 +146,10 @@ def test_dispersed_response(pair, plainly):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"lag_s": 0.1, "integral": True}, "signal.out: has lag_s and integral: give one of them"),
+        (
+            {"lag_s": 0.1, "integral": True},
+            "signal.out: has lag_s and integral: give only one of them",
+        ),
         ({"rate_limit": 2.0}, "signal.out.rate_limit = 2.0: needs lag_s"),
         ({"initial": 2.0}, "signal.out.initial = 2.0: needs lag_s, servo, integral or delay_s"),
         ({"delay_s": 0.1}, "signal.out.delay_s = 0.1: needs sample_s"),

@@ -88,8 +88,8 @@ def without_step(tree: Tree) -> Tree:
 
 
 def simulate(tree: Tree, rows: int = 20) -> NominalRun:
-    """Nominal run of a scene, with history rows at intervals of its end time over ``rows``: fewer
-    than ``rows`` if the case ends earlier."""
+    """Nominal run of a scene, with history rows at intervals of its end time over ``rows``, from 0
+    to the end of the case, and two rows at each phase boundary."""
     campaign = make(tree)
     return NominalRun(campaign, campaign.scene.run.end_time / rows)
 
