@@ -684,8 +684,8 @@ class Requirement(_Table, frozen=True, kw_only=True):
 
     ``metric`` is the column of an outcome, with bounds ``at_least`` and ``at_most`` (None: no such
     bound; inclusive; in the unit of the column, not SI); or a status that must not occur; or
-    `VIOLATION`, if no other requirement may be violated. A status and `VIOLATION` have no bounds. A
-    verdict is given with this ``confidence``.
+    `VIOLATION`, if no other requirement may be violated. A status and `VIOLATION` have no bounds.
+    Verdicts use a one-sided bound of that fraction with this ``confidence``.
     """
 
     name: Name

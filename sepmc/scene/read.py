@@ -508,7 +508,8 @@ def _no_effect_notes(
 ) -> Iterator[str]:
     """Yield a sentence on each setting that changes the nominal case only: it sets the nominal
     value of a dispersed parameter whose distribution has absolute values, or whose values a column
-    of the samples gives. Nothing is yielded if the settings replace the table [dispersion].
+    of the samples gives. Nothing is yielded for a parameter whose distribution the settings give
+    too, and nothing at all if they replace the table [dispersion].
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
             continue
         key_path = f"scenario.{name}"
         if name == BASELINE or name in [one.name for one in scenarios]:
-            reason = "is the campaign itself" if name == BASELINE else "the name is used twice"
+            reason = "names the campaign itself" if name == BASELINE else "the name is used twice"
             problems.add(key_path, f"{reason}: choose another name")
         if not isinstance(title, str):
             problems.add(f"{key_path}.title", "must be text", title)

@@ -156,7 +156,7 @@ def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
             continue
         _check_states(signal, key_path, problems)
         if signal.name in _WORDS:
-            problems.add(f"{key_path}.name", "is a word of formulas; choose another name", name)
+            problems.add(f"{key_path}.name", "is a reserved word of formulas; choose another", name)
         if any(signal.name == other.name for other in signals):
             problems.add(key_path, "the name is used twice")
         signals.append(msgspec.structs.replace(signal, constants=constants))
@@ -190,7 +190,7 @@ def _constant(key: str, value: Any, key_path: str, problems: Problems) -> float:
             key_path, f"a name is a letter followed by at most {NAME - 1} letters, digits or _"
         )
     elif key in _WORDS:
-        problems.add(key_path, "is a word of formulas; choose another name")
+        problems.add(key_path, "is a reserved word of formulas; choose another")
     elif isinstance(value, bool) or not isinstance(value, int | float):
         problems.add(key_path, "must be a number: a constant of the formula", value)
     elif not abs(to_si(value, 1.0)) <= LARGEST:

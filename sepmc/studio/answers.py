@@ -153,7 +153,7 @@ class Studio:
         """Run the cases of a question, at most `MAX_CASES`, with the settings of its sliders, after
         a run in progress has ended. Return, by name, the settings, the number of cases run, a text
         on each status (`_counts`), the seed, notes, whether an audit bound is exceeded in an ok
-        case, verdicts (`verdict_row`), names of the outcomes from the most important one on, the
+        case, verdicts (`verdict_row`), names of the outcomes, the most important one first, the
         seconds that the answer took and, for the outcomes to draw, histograms with statistics."""
         begin = perf_counter()
         campaign, settings, notes = self._changed(question)

@@ -112,7 +112,8 @@ class _Handler(BaseHTTPRequestHandler):
         return allowed
 
     def do_GET(self) -> None:
-        """Send the page, a script, or the latest message of the run in progress as JSON."""
+        """Send the page, a script, or the latest message of the run in progress as JSON; an error
+        404 for any other path."""
         if self.name == "message":
             self._send(Http.OK, _JSON, as_json({"message": self.server.studio.message}))
         elif self.name in self.server.files:

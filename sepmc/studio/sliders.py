@@ -186,7 +186,8 @@ def _ends(
 
 
 def _has_spread(dispersion: Dispersion) -> bool:
-    """Return True if the spread of a distribution can be scaled."""
+    """Return True if the spread of a distribution can be scaled: it is of a kind in `SCALED`, wider
+    than one value, and no column of a sample table."""
     return (
         dispersion.distribution in SCALED
         and not dispersion.column
@@ -235,9 +236,10 @@ def moved_campaign(
 def _distributions(
     campaign: "Campaign", at: "Campaign", spreads: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return settings, distributions by TOML path, for the dispersed parameters whose distribution
-    in the moved campaign ``at`` did not follow its nominal value by itself or is scaled by
-    ``spreads``. Raises InputError for a key of ``spreads`` without a spread."""
+    """Return settings, distributions by TOML path, for two kinds of dispersed parameters: those
+    with absolute numbers, which are shifted here by the change of the nominal value from
+    ``campaign`` to the moved campaign ``at``; and those whose spread is multiplied by a factor of
+    ``spreads``, by key. Raises InputError for a key of ``spreads`` without a spread."""
     known = {d.parameter.key for d in at.file.dispersions if _has_spread(d)}
     for key in spreads:
         if key not in known:

@@ -168,7 +168,7 @@ def _remainder(f: Any, a: Number, b: Number) -> Number:
 
 def _quotient(f: Any, a: Number, b: Number) -> Number:
     """Add to ``f`` the code of `a // b`, of two integers; return the result, rounded down as in
-    Python. Raises TypeError for floats."""
+    Python. The running code does not check that b is not 0. Raises TypeError for floats."""
     if _numeric_kind(a, b) != INT:
         raise TypeError("// is for whole numbers, not for floats")
     a, b = f.converted(a, INT), f.converted(b, INT)

@@ -258,7 +258,7 @@ def test_a_campaign_without_scenarios_is_refused(table2_tree):
         ({"name": "a", "set": {}}, r"scenario\.a\.set: must be a table"),
         ({"name": "1a", "set": {"run.seed": 1}}, r"scenario\.1\.name = '1a'"),
         ({"name": "../a", "set": {"run.seed": 1}}, r"scenario\.1\.name"),
-        ({"name": "baseline", "set": {"run.seed": 1}}, "is the campaign itself"),
+        ({"name": "baseline", "set": {"run.seed": 1}}, "names the campaign itself"),
         ({"name": "weak", "set": {"run.seed": 1}}, "the name is used twice"),
         ({"name": "a", "set": {"run.seed": 1}, "probability": 0.1}, "probability: unknown key"),
         ({"name": "a", "set": {"motor.retr.thrust_N": 1.0}}, r"a\.set\.motor\.retr\.thrust_N"),

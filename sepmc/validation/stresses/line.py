@@ -172,8 +172,9 @@ def _summary(lines: Sequence[Stress]) -> str:
 
 def brief(groups: Mapping[str, Sequence[Stress]]) -> str:
     """Table with one row for each stress, as plain text: its number of lines by verdict, error and
-    bound of its accurate line nearest to the bound, and its flags. It is ended by `_summary`.
-    ``groups`` has the lines of each stress by its name."""
+    bound of its accurate line nearest to the bound, and the statuses and audit columns that flag
+    its flagged lines. It is ended by `_summary`. ``groups`` has the lines of each stress by its
+    name."""
     text = [
         f"{'stress':22s}{'lines':>6s}{ACCURATE:>10s}{FLAGGED:>9s}{SILENT:>8s}"
         f"{'error':>10s}{'bound':>10s}   flags"

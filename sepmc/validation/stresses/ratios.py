@@ -25,7 +25,8 @@ RATIOS = (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 
 
 def _scaled(table: dict, mass: float, inertia: float) -> dict:
-    """Table of a body with its mass and its inertia multiplied by two factors."""
+    """Copy of a body's table, its mass multiplied by the factor ``mass``, and its moments and
+    products of inertia by the factor ``inertia``."""
     scaled = {
         key: [inertia * x for x in table[key]]
         for key in ("inertia_kg_m2", "inertia_products_kg_m2")
