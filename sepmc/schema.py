@@ -25,7 +25,8 @@ FORMULA_UNITS = {
 
 
 class Status(IntEnum):
-    """Final status of a case: how its simulation ended."""
+    """Final status of a case: how its simulation ended. The value is the number that kernels write,
+    `label` the text in tables."""
 
     OK = 0
     NEVER_RELEASED = 1

@@ -322,7 +322,8 @@ class Signal(_Table, frozen=True, kw_only=True):
     takes effect ``delay`` seconds later and stays until the next one does. The signal y equals the
     value u of the formula, or follows it with a ``lag`` (y' = (u - y) / lag, where abs(y') is at
     most ``rate_limit``) or as a ``servo``, or is its ``integral`` over time; these three begin at
-    ``initial``.
+    ``initial``. With a ``delay``, ``initial`` is also the value of the formula until the first one
+    takes effect.
     """
 
     name: Name
@@ -529,9 +530,10 @@ class Event(_Table, frozen=True, kw_only=True):
 
 
 class Clearance(_Table, frozen=True, kw_only=True):
-    """Request for an outcome: the minimum distance between the outlines of two bodies over the
-    flight, or from the release of the joint ``after`` on. ``outlines`` names the parts of each body
-    that count, for the first and the second body (empty: all)."""
+    """Request for outcomes: the minimum distance between the outlines of two bodies over the
+    flight, or from the release of the joint ``after`` on, its time and place, and whether the
+    outlines met (recontact). ``outlines`` names the parts that count, of the first and of the
+    second body (empty: all)."""
 
     name: Name
     bodies: tuple[str, str]

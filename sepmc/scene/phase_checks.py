@@ -33,7 +33,9 @@ def holds_ground(scene: Scene) -> bool:
 
 def check_phases(scene: Scene, problems: Problems) -> None:
     """Add problems of phases, releases and events: of their conditions, the kinds that they give to
-    joints, and the ``until.time_s`` of phases, which must not decrease from phase to phase."""
+    joints, phases without an end (except the last), and the ``until.time_s`` of phases, which must
+    not decrease from phase to phase. If there are none, add those of joints that gain constraints,
+    releases that remove none, and rods."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
@@ -81,9 +83,10 @@ def check_phases(scene: Scene, problems: Problems) -> None:
 def _check_can_move(
     key_path: str, until: Condition, kinds: dict[str, str], scene: Scene, problems: Problems
 ) -> None:
-    """Add a problem for each key of a condition that asks for a motion (stroke, distance, angle)
-    which the joint, by ``kinds`` of the phase, cannot make, nor after any of its releases: this key
-    is never met. Releases count whether they occur within the phase or not."""
+    """Add a problem for each key of a condition, or of those nested in it, that asks for a motion
+    (stroke, distance, angle) which the joint, by ``kinds`` of the phase, cannot make, nor after any
+    of its releases: this key is never met. Releases count whether they occur within the phase or
+    not."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
     possible = [kind, *(release.to for release in scene.release if release.joint == joint)]
     if joint in scene.joint and all(_known(joint, each, scene) for each in possible):
@@ -199,7 +202,8 @@ def _refuse_direction(
 
 def _check_only_releases(scene: Scene, problems: Problems) -> None:
     """Add a problem for each joint that gains constraints from one phase to the next (contact and
-    capture are not modelled), and for each release that removes no constraint in any phase."""
+    capture are not modelled), for each release that removes no constraint in any phase, and, if
+    there is no problem so far, those of `_check_comparable`."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints.get(name, "free") for phase in scene.phase]
         for before, after, first, then in zip(

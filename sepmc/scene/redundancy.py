@@ -116,8 +116,8 @@ def _rows(scene: Scene, coded: list[tuple[str, int]]) -> np.ndarray:
     """Rows of the constraint Jacobian, which multiply velocity and angular rate of each body, in
     the initial configuration.
 
-    Columns of angular rates are divided by a length, the longest lever arm of a row but at least
-    1 m, and rows are scaled to unit length, so that units do not matter.
+    Columns of angular rates are divided by a length, the longest lever arm of any row but at least
+    1 m, and rows are then scaled to unit length, so that units do not matter.
 
     Parameters
     ----------

@@ -16,8 +16,8 @@ _MAY_BE_ZERO = "the axis may be zero: narrow the distributions"
 
 def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Problems) -> None:
     """Add a problem for each dispersion that can make an axis zero, the two axes of a joint
-    parallel, a shell of no length, or a sector of no width or more than a full turn. A normal
-    distribution without truncation is taken to reach 3 sigma."""
+    parallel, a shell or sector of no length, or a sector of no angle or of more than a full turn. A
+    normal distribution without truncation is taken to reach 3 sigma."""
     ranges: Ranges = {}
     for one in dispersions:
         low, high = (bound * one.parameter.factor for bound in one.reach)

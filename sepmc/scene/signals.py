@@ -349,8 +349,8 @@ def _spellings(stem: str, key: str, kind: str) -> str:
 
 
 def idle_signals(scene: Scene) -> list[str]:
-    """Names of the signals that neither a key of the scene nor another signal names. A signal that
-    only such a signal names is not included."""
+    """Names of the signals that no number of the scene (of loads, motors, springs and aerodynamic
+    polynomials) and no other signal uses. A signal that only such a signal uses is not included."""
     named = {drive.signal for drive in scene.driven.values()} | {*signal_terms(scene).values()}
     for signal in scene.signal:
         named |= set(names(parse(signal.formula))) - {signal.name, *signal.constants}

@@ -138,9 +138,9 @@ def _read_named(
     kind: type[msgspec.Struct], tree: Any, key_path: str, problems: Problems
 ) -> dict[str, Any]:
     """Convert a table of tables by name, such as [body.NAME], to a dict of structs of a kind by
-    name. Adds problems: of a table that is not valid, which is None in the dict; of a name that is
-    not valid, which stays in the dict; and of a ``tree`` that is no table, also None, for which the
-    dict is empty."""
+    name. Adds a problem for a table that is not valid, which gives None in the dict; for a name
+    that is not valid, which stays in the dict; and for a ``tree`` that is not a dict (the result is
+    then an empty one)."""
     if not isinstance(tree, dict):
         problems.add(key_path, "must be a table of tables", tree)
         return {}

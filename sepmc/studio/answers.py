@@ -277,10 +277,10 @@ def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list
 def verdicts_over(
     campaign: "Campaign", axes: list[MapAxis], cases: int, seed: int
 ) -> dict[str, Any]:
-    """Judge the designs of a grid over design variables. Return the number of cases asked of a
-    design, the axes and, by requirement, the verdicts and the fractions of violating cases as
-    nested lists, one inner list for each value of the second axis. Called in a second process.
-    Raises InputError as `map_designs`."""
+    """Judge the designs of a grid over one or two design variables. Return the number of cases of
+    each design, the axes and, by requirement, the verdicts and the fractions of violating cases as
+    nested lists: one inner list, over the first axis, for each value of the second one (a single
+    list with one axis). Called in a second process. Raises InputError as `map_designs`."""
     designs = map_designs(campaign, axes, cases, seed, announce=no_log)
     return {
         "cases": cases,

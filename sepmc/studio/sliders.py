@@ -43,7 +43,8 @@ class Slider:
     distribution : str
         Distribution in the file, as text; empty if the parameter is not dispersed.
     spread : str
-        Key of the distribution if its spread can be scaled; else empty.
+        TOML path of the dispersed parameter if the spread of its distribution can be scaled and
+        ``key`` names no other parameter; else empty.
     """
 
     key: str

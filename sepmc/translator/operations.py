@@ -151,7 +151,7 @@ def _power(f: Any, base: Number, exponent: Number) -> Number:
 
 def _remainder(f: Any, a: Number, b: Number) -> Number:
     """Add to ``f`` the code of `a % b`; return the result, which has the sign of the divisor, as in
-    Python."""
+    Python. The running code does not check that b is not 0."""
     kind = _numeric_kind(a, b)
     a, b = f.converted(a, kind), f.converted(b, kind)
     zero = constant(0 if kind == INT else 0.0)

@@ -66,7 +66,8 @@ def largest_difference(
 
 def sizes(run: NominalRun) -> dict[str, float]:
     """Scale of every history column of a run of two_bodies.toml, by column name and in the unit of
-    the column: `SIZES` of the unit, the largest load for N and N m, else 1."""
+    the column: `SIZES` of the unit; for N and N m the largest magnitude of all forces and moments,
+    one number for both; else 1."""
     units = run.history.attrs["units"]
     wrench = max(
         float(run.history[name].abs().max()) for name, unit in units.items() if unit in ("N", "N m")

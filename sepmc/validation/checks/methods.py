@@ -57,8 +57,8 @@ def orders() -> list[Line]:
     )
 
     def of_smooth(settings: dict) -> float:
-        """Largest error of rates, rad/s, and attitude matrix at the end of a run of the free
-        body."""
+        """Largest absolute error of all components of the rates, rad/s, and of the attitude matrix
+        at the end of a run of the free body."""
         stone = NominalRun(smooth.with_settings(settings), smooth.scene.run.end_time).body("stone")
         return float(max(np.abs(stone.w[-1] - w[0]).max(), np.abs(stone.r[-1] - r[0]).max()))
 

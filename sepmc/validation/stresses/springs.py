@@ -31,8 +31,8 @@ def _sprung(
 
 
 def _error(run: NominalRun, stiffness: float, damping: float = 0.0) -> float:
-    """Largest error of the extension of the spring of `_sprung` against the closed form,
-    relative to its largest extension or, if that is larger, to FORCE / stiffness."""
+    """Largest error of the extension of the spring of `_sprung` against the closed form, relative
+    to the largest extension of that or, if it is larger, to FORCE / stiffness."""
     x, _ = ref.spring_extension(run.t, MASS, FORCE, stiffness, damping)
     return relative(1e-3 * run.history["separation_distance_mm"].to_numpy(), x, FORCE / stiffness)
 
