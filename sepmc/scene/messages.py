@@ -63,7 +63,7 @@ class Problems(list[str]):
         value. If the list has 100 problems, append a line that says so and raise
         TooManyProblems."""
         if len(self) == _MAX_PROBLEMS:
-            self.append("there are more problems than these 100, which are not listed")
+            self.append("there are more problems; only the first 100 are listed")
             raise TooManyProblems
         shown = "" if value is None else f" = {shorten(value)}"
         self.append(f"{key_path}{shown}: {allowed}")

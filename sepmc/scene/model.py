@@ -148,7 +148,8 @@ class Aerodynamics(_Table, frozen=True, kw_only=True):
     ``axial`` to ``pitch`` are the polynomials of C_A, C_N, C_Y, C_l, C_n and C_m of CONVENTIONS.md,
     by term; an empty one is 0. Coefficients are referred to ``reference_area`` (m2),
     ``reference_length`` (m) and the layout point ``moment_point`` (m; None: the mass centre).
-    ``force_factor`` multiplies all forces, ``moment_factor`` all moments.
+    ``force_factor`` multiplies all forces, also where they act on the moment about the mass centre;
+    ``moment_factor`` multiplies the moments about the moment point.
     """
 
     reference_area: Annotated[float, Positive, Quantity("area")]
@@ -448,9 +449,10 @@ class Joint(_Table, frozen=True, kw_only=True):
 
     ``point`` is its layout point (m), of a rod the first body's end; ``second_point`` is the second
     body's end of a rod. ``apart`` is the sign of r_B - r_A along ``x_axis`` that is positive
-    separation (None: that of the second nominal centre of mass). ``omega`` (rad/s, body axes) is
-    the initial rate, about ``point``, of the second body and those connected to it relative to the
-    first. The joint is released ``delay`` (s) after the condition, or never if ``fails`` is 1.
+    separation (None: that of the second body's nominal mass centre seen from the first's).
+    ``omega`` (rad/s, body axes) is the initial rate, about ``point``, of the second body and those
+    connected to it relative to the first. The joint is released ``delay`` (s) after the condition
+    if ``fails`` is 0, and never if it is 1 (no other value is valid).
     ``guide`` describes its pins (None: it has none).
     """
 
@@ -531,9 +533,9 @@ class Event(_Table, frozen=True, kw_only=True):
 
 class Clearance(_Table, frozen=True, kw_only=True):
     """Request for outcomes: the minimum distance between the outlines of two bodies over the
-    flight, or from the release of the joint ``after`` on, its time and place, and whether the
-    outlines met (recontact). ``outlines`` names the parts that count, of the first and of the
-    second body (empty: all)."""
+    flight, or from the instant on at which the joint ``after`` becomes free; its time and place;
+    and whether the outlines met (recontact). ``outlines`` names the parts that count, of the first
+    and of the second body (empty: all)."""
 
     name: Name
     bodies: tuple[str, str]

@@ -87,7 +87,8 @@ def find(scene: Scene, key: str) -> Parameter:
 
 
 def all_parameters(scene: Scene, tree: Mapping[str, Any]) -> Iterator[Parameter]:
-    """Yield all parameters that a file or the defaults give a value, in the order of the model.
+    """Yield all parameters that a file or the defaults give a value, except those that a signal
+    gives, in the order of the model.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
         raise UnknownPath(f"{part!r} is no component; allowed: " + ", ".join(names))
     if names:
         raise UnknownPath(f"no {part!r} here; " + nearest(part, names))
-    raise UnknownPath(f"{part!r} does not exist: the path ends before it")
+    raise UnknownPath(f"{part!r} does not exist: the path must end before it")
 
 
 def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:

@@ -17,7 +17,8 @@ from sepmc.scene.units import UNITS, split_unit, unit_kind
 
 def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Problems) -> None:
     """Put settings, values by TOML path, into a TOML tree, in place. Keys that are not in the tree
-    are created, but not bodies, joints or entries of arrays: a path to these adds a problem."""
+    are created. But a path to a value in a body, joint or entry of an array that is not in the tree
+    adds a problem."""
     for key, value in settings.items():
         _put(tree, parts(key), _builtin(value), problems, key)
 
@@ -39,8 +40,9 @@ def _put(
     key : str
         The whole path, for messages.
     table : str
-        Key that ``node`` has in its parent; empty at the root and for an entry of an array. In
-        "body" and "joint" no key is created: a name that is not there adds a problem.
+        Key that ``node`` has in its parent; empty at the root and for an entry of an array. A path
+        to a value below "body" or "joint" creates no body or joint: a name that is not there adds a
+        problem.
     """
     head, rest = keys[0], keys[1:]
     if isinstance(node, list):
@@ -60,7 +62,7 @@ def _put(
             )
         return
     if not isinstance(node, dict):
-        problems.add(key, "the path ends before " + repr(head))
+        problems.add(key, "the path must end before " + repr(head))
         return
     stem, unit = (head, "") if table in NAMES else split_unit(head)
     other = next(

@@ -63,7 +63,7 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
                 if first[0] <= last[1] and last[0] <= first[1]:
                     problems.add(
                         f"dispersion.{key_path}.stations",
-                        "the shell may have no length: narrow the distributions",
+                        "the shell or sector may have no length: narrow the distributions",
                         list(part.stations),
                     )
 

@@ -236,7 +236,7 @@ def check_signals(
                 reason = "is the name of a signal too; choose another name"
                 problems.add(f"signal.{signal.name}.{constant}", reason)
             elif constant not in names(tree):
-                reason = "unknown key, and no constant of the formula, which does not name it"
+                reason = "is neither a key of signals nor a constant that the formula names"
                 problems.add(f"signal.{signal.name}.{constant}", reason)
         for name in names(tree):
             others = [*signal.constants, *known]

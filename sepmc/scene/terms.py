@@ -10,7 +10,7 @@ TERM = re.compile(r"^(const|((alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)(_[pqr])?|[p
 
 def signal_of(term: str) -> str:
     """Name of the signal that a term of a polynomial is proportional to, which is the term's name;
-    empty for terms of angles and rates."""
+    empty for the constant term and terms of angles and rates."""
     return "" if TERM.match(term) else term
 
 

@@ -79,7 +79,8 @@ def is_number(value: Any) -> TypeGuard[int | float]:
 
 
 def are_numbers(value: Any) -> bool:
-    """True if a TOML value is a list, nested or not, of finite numbers."""
+    """True if a TOML value is a list, nested or not, that has only finite numbers; an empty list
+    counts."""
     stack = [value]
     while stack:
         item = stack.pop()

@@ -39,7 +39,8 @@ class Module:
         self.arrays: dict[int, tuple[str, np.ndarray]] = {}
 
     def rolled_loop(self) -> str:
-        """Add the metadata of one more loop that LLVM must not unroll; return their name."""
+        """Add a metadata node for one more loop that LLVM must not unroll; return its name, such as
+        ``!1``, which the loop's last jump refers to."""
         name = f"!{len(self.metadata)}"
         self.metadata.append(f"{name} = distinct !{{{name}, !0}}")
         return name

@@ -279,7 +279,7 @@ def _int(f: Any, x: Number) -> Number:
 
 def _rounded(name: str, f: Any, x: Number) -> Number:
     """Add to ``f`` the code of `math.floor(x)` or `math.ceil(x)` (``name`` "floor", "ceil"); return
-    the result, an integer."""
+    the result, an integer. Of a NaN it is any integer; no error is raised."""
     return _int(f, _intrinsic(f, name, x))
 
 

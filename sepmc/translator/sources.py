@@ -34,8 +34,9 @@ class Source:
 
     @property
     def general(self) -> bool:
-        """True if integers that are known in a call are passed as ordinary arguments. Otherwise the
-        function is translated anew for each set of known integers, which become constants in it."""
+        """True if the function has the decorator `sepmc.jit.formula` or `for_any_numbers`: integers
+        that are known in a call are passed as ordinary arguments. Otherwise the function is
+        translated anew for each set of known integers, which become constants in it."""
         return self.inlined or _GENERAL in self._decorators()
 
     @property

@@ -98,8 +98,8 @@ def constant(value: Any) -> Number:
 
 
 def leaves(value: Any) -> Iterator[Number]:
-    """Yield the leaves of a value in order: the numbers in nested tuples; of an array its pointer,
-    then its sizes; of a record its pointer."""
+    """Yield the leaves of a value in order: the numbers in nested tuples and fields of `Named`; of
+    an array its pointer, then its sizes; of a record its pointer."""
     if isinstance(value, Number):
         yield value
     elif isinstance(value, tuple):

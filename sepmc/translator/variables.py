@@ -17,10 +17,10 @@ _Path = tuple[tuple[int, int], ...]
 class _Use:
     """An assignment or a read of a name.
 
-    ``order`` counts the uses of a function in the order of its text, from 1; ``path`` is the
-    position in each nested list of statements, outermost first, and empty for an argument;
-    ``loops`` are the ids of the loops around it, outermost first; ``is_store`` is true for an
-    assignment.
+    ``order`` counts the uses of a function in the order of its text, from 1; ``path`` has, for each
+    list of statements around the use, outermost first, the id of the list and the position in it,
+    and is empty for an argument; ``loops`` are the ids of the loops around it, outermost first;
+    ``is_store`` is true for an assignment.
     """
 
     order: int

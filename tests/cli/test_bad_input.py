@@ -838,7 +838,7 @@ def test_almost_the_name_of_a_shipped_campaign(sepmc):
         (["--set", "body.upper.mas_kg=3"], "did you mean 'mass_kg'?"),
         (["--set", "body.upper.mass_kg=heavy"], "body.upper.mass_kg = 'heavy': must be a number"),
         (["--set", "body.upper.mass_kg="], "body.upper.mass_kg = '': must be a number"),
-        (["--set", "body.upper.mass_kg.x=3"], "the path ends before 'x'"),
+        (["--set", "body.upper.mass_kg.x=3"], "the path must end before 'x'"),
         (["--set", "motor.retr.thrust_N=3"], "did you mean 'retro'?"),
         (["--set", "phase.guidd.until.stroke_mm=3"], "did you mean 'guided'?"),
         (["--set", "body.upper.cg_mm.w=3"], "'w' is no component; allowed: x, y, z"),

@@ -264,7 +264,11 @@ def test_outlines_are_set(pair):
         ("body.aft.outline.0.radii_m.2", {"uniform": 0.1}, "'2' is no component; allowed: 0, 1"),
         ("body.aft.outline.1.points_m", {"uniform": 0.1}, "is an array; name one of its items: .0"),
         ("body.aft.outline.1.points_m.0", {"uniform": 0.1}, "is a vector; name one component: .x"),
-        ("body.fore.outline.1.stations_m.0", {"uniform": 0.7}, "the shell may have no length"),
+        (
+            "body.fore.outline.1.stations_m.0",
+            {"uniform": 0.7},
+            "the shell or sector may have no length",
+        ),
         ("joint.pins.y_axis.y", {"uniform": 1.0}, "may be zero or parallel to x_axis"),
         ("joint.pins.x_axis.x", {"uniform": 1.0}, "x_axis = [1.0, 0.0, 0.0]: the axis may be zero"),
         ("spring.pusher.axis.x", {"uniform": 1.0}, "may be zero"),

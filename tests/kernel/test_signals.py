@@ -314,7 +314,7 @@ def test_a_kernel_without_signals_is_unchanged(pair):
             "signal.push.formula = 'peek * 2': peek: no such constant or signal; did you mean "
             "'peak'?",
         ),
-        (pushed("2", peak=1.0), "signal.push.peak: unknown key, and no constant of the formula"),
+        (pushed("2", peak=1.0), "signal.push.peak: is neither a key of signals nor a constant"),
         (
             pushed("time * 2"),
             "time: the unit is missing or wrong; allowed: time_s, time_ms, time_min",
