@@ -33,8 +33,8 @@ def parts(key: str) -> list[str]:
 
 def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -> dict[str, Any]:
     """Copy of settings in which each path with ``*``, such as ``spring.*.force_N``, is replaced by
-    the paths in ``tree`` that it matches. Adds a problem if it matches none, or one that was set
-    before."""
+    the paths in ``tree`` that it matches. Adds a problem if it matches none, or a path that an
+    earlier setting sets."""
     expanded: dict[str, Any] = {}
     for key, value in settings.items():
         if not isinstance(key, str) or "*" not in key:

@@ -194,8 +194,9 @@ class Studio:
 
     def map(self, question: Question) -> dict[str, Any]:
         """Judge designs on a grid over the design variables ``question.axes``, in the second
-        process; return what `verdicts_over` returns. Each design gets as many cases as take about
-        `_MAP_S` seconds in all: at least `_MAP_CASES`, at most ``question.cases``."""
+        process; return what `verdicts_over` returns. All designs have the same number of cases, so
+        that all together take about `_MAP_S` seconds: at least `_MAP_CASES`, but at most
+        ``question.cases``."""
         campaign = self._changed(question)[0]
         axes = [MapAxis(*axis, n) for axis, n in zip(question.axes, _GRID, strict=False)]
         designs = math.prod(axis.count for axis in axes)

@@ -19,8 +19,8 @@ def compile_text(text: str, symbol: str) -> bytes:
     Parameters
     ----------
     text : str
-        Python source of a module with the function `ENTRY`, decorated with `units.compile_unit`
-        (`sepmc.kernel.emit.compile_units` writes it).
+        Python source of a module with a function of the name `ENTRY` ("entry"), decorated with
+        `units.compile_unit` (`sepmc.kernel.emit.compile_units` writes it).
     symbol : str
         Name of that function in the object file.
 

@@ -349,8 +349,8 @@ class _Simulation:
         return accelerate(self.pair, self.kinds[self.kind], self.motion(y), self.loads(t, y))
 
     def reaction(self) -> tuple[Array, Array]:
-        """Force, N, and moment, N m, of the joint on B at its joint point, in the axes of A, at the
-        time that the simulation has reached; only while the bodies are joined."""
+        """Force, N, and moment, N m, of the joint on B at its joint point, in the body axes of A,
+        at the time that the simulation has reached; only while the bodies are joined."""
         accelerations, r = self.accelerate(self.t, self.y), self.motion(self.y).r
         return r.T @ accelerations.force, r.T @ accelerations.moment
 
@@ -440,8 +440,8 @@ def simulate(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
     Returns
     -------
     dict
-        Outcomes by public name, and the reaction on the second body at its joint point in the axes
-        of the first; for a second body named B: ``release_force_on_B_N`` and
+        Outcomes by public name, and the reaction on the second body at its joint point in the body
+        axes of the first; for a second body named B: ``release_force_on_B_N`` and
         ``release_moment_on_B_N_m`` at the last instant before release (NaN if never released),
         ``end_force_on_B_N`` and ``end_moment_on_B_N_m`` at the end time (zero if released).
 

@@ -167,8 +167,8 @@ def _principal_top(t: Array, moments: Array, w: Array) -> tuple[Array, Array]:
     """Rates (n, 3), rad/s, of a free body in its principal axes, and rotation matrices (n, 3, 3)
     from these axes at each time to those at t = 0.
 
-    ``moments`` I1, I2, I3 ascend or descend, so that L^2 lies between 2 E I2 and 2 E I3; the
-    initial rates ``w`` (3,) have w1 and w3 >= 0.
+    ``moments`` I1, I2, I3 must ascend or descend, in that order for which L^2 lies between 2 E I2
+    and 2 E I3; the initial rates ``w`` (3,) must have w1 and w3 >= 0.
     """
     i1, i2, i3 = moments
     toward = i1 * (i1 - i2) * w[0] ** 2 + i3 * (i3 - i2) * w[2] ** 2
