@@ -359,7 +359,7 @@ class Contents:
     transverse : tuple of str
         Bodies with transverse rates.
     ignitions : tuple of str
-        Motors with an ignition event.
+        Motors whose ignition has a trigger (an event, a release or a joint), not a given time.
     springs : tuple of str
         Springs with a stroke.
     partial_releases : tuple of (str, str)
@@ -483,7 +483,7 @@ def _joint_prefix(contents: Contents, joint: str) -> str:
 
 
 def release_columns(contents: Contents) -> dict[str, str]:
-    """Return the name of the column of the release time of each joint, by joint."""
+    """Return the name of the column of the time at which each joint becomes free, by joint."""
     return {joint: f"{_joint_prefix(contents, joint)}release_time_s" for joint in contents.joints}
 
 
@@ -493,8 +493,8 @@ def event_columns(contents: Contents) -> dict[str, str]:
 
 
 def ignition_columns(contents: Contents) -> dict[str, str]:
-    """Return the name of the column of the ignition time, by motor, for the motors with an ignition
-    event."""
+    """Return the name of the column of the ignition time, by motor, for the motors whose ignition
+    has a trigger (``Contents.ignitions``)."""
     return {motor: f"{motor}_ignition_time_s" for motor in contents.ignitions}
 
 
@@ -505,8 +505,8 @@ def stroke_columns(contents: Contents) -> dict[str, str]:
 
 
 def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
-    """Return the name of the column of the time of a partial release, by (joint, kind of the joint
-    after it)."""
+    """Return the name of the column of the time from which a joint constrains no more than a kind
+    that a partial release leaves it with, by (joint, kind)."""
     return {
         (joint, kind): f"{_joint_prefix(contents, joint)}release_to_{kind.replace('-', '_')}_time_s"
         for joint, kind in contents.partial_releases
@@ -540,7 +540,7 @@ def transverse_components(contents: Contents) -> list[tuple[int, int]]:
 
 def _event_columns(contents: Contents, event: str) -> list[Column]:
     """Return the columns of an event: its time, and the rates, attitudes, separations and
-    clearances at that time."""
+    clearances at that time. Those of `relative_columns` and transverse rates are not included."""
     columns = [Column(f"{event}_time_s", "s", f"time of {event}")]
     for body in contents.bodies:
         for column in _columns(_BODY[3:], f"{event}_{body}_", body):

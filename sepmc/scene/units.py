@@ -74,7 +74,7 @@ def split_unit(key: str) -> tuple[str, str]:
 
 
 def is_number(value: Any) -> TypeGuard[int | float]:
-    """True if a TOML value is a finite number; booleans are none."""
+    """True if a TOML value is a finite number; a boolean is not a number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 

@@ -77,7 +77,8 @@ def available_keys(campaign: "Campaign") -> list[str]:
 
 
 def _is_continuous(dispersion: Dispersion) -> bool:
-    """Return False for a discrete distribution and for a column of a sample table."""
+    """Return False for a discrete distribution and for a column of a sample table; True for any
+    other, also a constant."""
     return not dispersion.column and dispersion.distribution != "discrete"
 
 

@@ -45,7 +45,8 @@ def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
 
 
 def _speed_error(run: NominalRun, expected: np.ndarray) -> float:
-    """Relative error of the probe's velocity along ground x; ``expected`` in m/s."""
+    """Largest relative error (`relative`) of the probe's velocity along ground x over the run;
+    ``expected`` in m/s."""
     return relative(run.body("probe").v[:, 0], expected)
 
 

@@ -182,8 +182,8 @@ def triangle() -> list[Stress]:
 
 
 def _bars(last: str) -> Tree:
-    """Tree of four bars in a plane, closed by four hinges along z and turned by a load; ``last`` is
-    the kind of the fourth joint."""
+    """Tree of four bars in a plane, closed to a loop by three hinges along z and a fourth joint of
+    the kind ``last``, and turned by a load."""
     corners = [[0.0, 0.0, 0.0], [2.0, 0.3, 0.0], [2.4, 1.6, 0.0], [0.2, 1.1, 0.0]]
     names = ["bar1", "bar2", "bar3", "bar4"]
     bodies, joints = {}, {}

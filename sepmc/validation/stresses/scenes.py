@@ -187,14 +187,16 @@ class Composite:
         )
 
     def rate_error(self, name: str | None = None) -> float:
-        """Error of the angular rates of a body, by default of the second one, by `relative`."""
+        """Largest relative error (`relative`) of the angular rates of a body, by default of the
+        second one, over the run."""
         return relative(self.run.body(name or self.second).w, self.rate)
 
     def attitude_error(self, name: str | None = None) -> float:
-        """Error of the attitude matrices of a body, by default of the second one, by `relative`."""
+        """Largest relative error (`relative`) of the attitude matrices of a body, by default of the
+        second one, over the run."""
         return relative(self.run.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:
-        """Error of the force of a joint on the second body, by `relative`; the joint must be the
-        only one of that body."""
+        """Largest relative error (`relative`) of the force of a joint on the second body over the
+        run; the joint must be the only one of that body."""
         return relative(self.run.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
