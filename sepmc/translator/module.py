@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.translator.functions import Function, result_type
+from sepmc.translator.functions import Function, TranslationError, result_type
 from sepmc.translator.sources import Source
 from sepmc.translator.units import TYPES
 from sepmc.translator.values import (
@@ -78,6 +78,8 @@ class Module:
         if key not in self.functions:
             self._translate(key, source, arguments)
         name, result = self.functions[key]
+        if result is None:
+            raise TranslationError(f"{source.node.name} calls itself")
         operands = ", ".join(f"{leaf.kind} {leaf.text}" for leaf in _passed(arguments, source))
         kinds = [leaf.kind for leaf in leaves(result)]
         kind = result_type(kinds)
@@ -96,7 +98,7 @@ class Module:
 
     def _translate(self, key: Any, source: Source, arguments: tuple[Any, ...]) -> None:
         name = f"@f{len(self.functions)}_{source.node.name}"
-        self.functions[key] = name, None  # a function that calls itself has no type
+        self.functions[key] = name, None  # found by `call` if the function calls itself
         passed = _passed(arguments, source)
         parameters = [Number(leaf.kind, f"%a{k}") for k, leaf in enumerate(passed)]
         inside = _received(arguments, iter(parameters), source)

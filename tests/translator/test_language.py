@@ -247,6 +247,14 @@ def _unknown(a):
     return a + nowhere  # noqa: F821
 
 
+def _calls_itself(a):
+    return _calls_itself_too(a)
+
+
+def _calls_itself_too(a):
+    return _calls_itself_too(0.5 * a)
+
+
 def _text(a):
     return "text"
 
@@ -351,6 +359,7 @@ def _inside_of(size):
     ("function", "arguments", "reason"),
     [
         (_unknown, (1.0,), "unknown name nowhere"),
+        (_calls_itself, (1.0,), "_calls_itself_too calls itself"),
         (_text, (1.0,), "constant 'text'"),
         (_two_types, (1.0,), "a double does not fit a i64"),
         (_tries, (1.0,), "Try cannot be translated"),
