@@ -408,7 +408,8 @@ class _Curves:
     step : float
         Step of the time grid, s.
     turn : float
-        Full turn of an angle, whose differences are those up to full turns; 0 for other channels.
+        Full turn of an angle, in units of the scale: multiples of it are taken off its differences;
+        0 for other channels.
     """
 
     values: np.ndarray
@@ -421,8 +422,9 @@ class _Curves:
         cls, values: np.ndarray, scale: float, noise: float, step: float, is_angle: bool
     ) -> "_Curves":
         """Build the curves from histories (n, t), the ``scale`` and the ``noise`` sigma, all in the
-        unit of the channel, and the ``step`` of the time grid, s; ``is_angle`` is true for a
-        channel whose differences are those up to full turns."""
+        unit of the channel, and the ``step`` of the time grid, s. ``is_angle`` is true for an
+        angle: full turns do not count in its differences (`differences`); its values stay as
+        they are."""
         scaled = values / scale
         bend = np.zeros_like(scaled)
         bend[:, 1:-1] = np.abs(np.diff(scaled, 2, axis=1))

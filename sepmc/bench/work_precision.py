@@ -132,9 +132,10 @@ def _variants(study: Study, formulation: str) -> list[SolverVariant]:
 
 
 def _of_method(study: Study, method: str, formulation: str) -> list[SolverVariant]:
-    """Return the variants of one method and formulation, by increasing work. Those above
-    `_MAX_WORK` times the work of the default are left out with a message; long ones run fewer
-    cases."""
+    """Return the variants of one method and formulation, by increasing work: the steps selected for
+    the accuracies `ACCURACIES` (not if the campaign gives its step) and, in the reduced
+    formulation, half, twice and four times the first of these steps. Those above `_MAX_WORK` times
+    the work of the default are left out with a message; long ones run fewer cases."""
     campaign = study.with_settings({"solver.method": method, "solver.formulation": formulation})
     cases, max_evaluations = study.part(formulation), _MAX_WORK * study.default.evaluations
     if (method, formulation) == (study.method, study.formulation):

@@ -238,7 +238,8 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape of u
-        In the unit of the parameter's key.
+        In the unit of the parameter's key; of a normal distribution without truncation -inf at 0
+        and inf at 1.
     """
     numbers = dispersion.numbers
     if dispersion.distribution == "uniform":

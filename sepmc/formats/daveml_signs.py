@@ -48,7 +48,8 @@ def sign_of(key: str, element: Element) -> tuple[float, str, bool]:
     sign : float
         1 or -1; 1 if the file does not state the direction.
     reason : str
-        Direction in which the values are positive, and where the file states it, for the user.
+        Direction in which the values are positive, and where the file states it, for the user; if
+        it does not, the direction that CONVENTIONS.md gives the coefficient.
     stated : bool
         False if the file does not state it.
 

@@ -161,9 +161,10 @@ def solve_semidefinite(w, a, b, n):
     w : array
         Workspace.
     a : int
-        Position of the matrix, by rows, with space for 3 n^2 numbers.
+        Position of the matrix, by rows, which is kept; the 2 n^2 numbers after it are scratch.
     b : int
-        Position of the right-hand side, with space for 5 n numbers; replaced by the solution.
+        Position of the right-hand side, replaced by the solution; the 4 n numbers after it are
+        scratch.
     n : int
         Size of the system.
 

@@ -114,7 +114,8 @@ def _span(numbers, axis, x):
 
 @routine
 def _coefficients(numbers, axis):
-    """Return the number of coefficients along the axis whose data start at numbers[axis]."""
+    """Return the number of coefficients along the axis whose data start at numbers[axis]; 1 for an
+    axis of one point."""
     return int(numbers[axis]) + 3 if numbers[axis] > 0.0 else 1
 
 

@@ -127,7 +127,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
     """Extend a table whose axis ``mirror`` (alpha or beta) begins at zero by its mirror image at
     negative angles, in place: odd coefficients change their sign there, even ones do not. Returns
     one sentence; none, after adding a problem, if the axis cannot be mirrored. An odd coefficient
-    that is not 0 at angle 0 adds a problem too, and is left as it is."""
+    that is not 0 at angle 0 adds a problem too; its grid is then not extended."""
     if mirror not in _ODD:
         problems.add(f"{key_path}.mirror", 'must be "alpha" or "beta"', mirror)
         return []

@@ -36,7 +36,8 @@ MOST_STEPS = 100_000_000  # steps of a case
 def check_scene(scene: Scene, problems: Problems) -> None:
     """Add the problems of a scene that no single value shows: wrong references between tables,
     phases out of order, impossible inertias, redundant constraints and the like. Single values are
-    checked before, by `sepmc.scene.tables.read_table`."""
+    checked before, by `sepmc.scene.tables.read_table`. Columns of the same name and redundant
+    constraints are checked only if ``problems`` is empty by then."""
     if not scene.body:
         problems.add("body", "at least one body is needed: [body.NAME]")
     for name, body in scene.body.items():

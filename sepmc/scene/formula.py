@@ -331,7 +331,8 @@ def names(node: Node) -> list[str]:
 
 
 def may_be_undefined(node: Node) -> bool:
-    """True if a syntax tree has a function that is undefined, or overflows, for some arguments."""
+    """True if a syntax tree has a function or operator that is undefined, or overflows, for some
+    arguments, such as ``/``, ``**`` or ``sqrt``."""
     return any(isinstance(one, Call) and one.function in _PARTIAL for one in walk(node))
 
 

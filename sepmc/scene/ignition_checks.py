@@ -13,7 +13,8 @@ _TRIGGERS = ("event", "release", "joint")
 
 def check_ignitions(scene: Scene, problems: Problems) -> None:
     """Add a problem for each motor whose trigger is not valid, or can never occur because it waits
-    for a burn-out that in turn needs this motor."""
+    for a burn-out that in turn needs this motor. The latter is checked only if ``problems`` is
+    empty by then."""
     for motor in scene.motor:
         if motor.trigger is not None:
             _check_trigger(f"motor.{motor.name}.ignition", motor.trigger, scene, problems)

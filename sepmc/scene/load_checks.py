@@ -65,7 +65,7 @@ def check_lengths(
     key_path: str, columns: Mapping[str, Sequence[float]], problems: Problems
 ) -> None:
     """Add a problem for each column of the table at ``key_path`` that differs in length from the
-    first column. ``columns`` is by key."""
+    first column. ``columns`` is by key, not empty."""
     (first, axis), *others = columns.items()
     for key, column in others:
         if len(column) != len(axis):

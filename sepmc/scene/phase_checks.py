@@ -34,8 +34,8 @@ def holds_ground(scene: Scene) -> bool:
 def check_phases(scene: Scene, problems: Problems) -> None:
     """Add problems of phases, releases and events: of their conditions, the kinds that they give to
     joints, phases without an end (except the last), and the ``until.time_s`` of phases, which must
-    not decrease from phase to phase. If there are none, add those of joints that gain constraints,
-    releases that remove none, and rods."""
+    not decrease from phase to phase. If ``problems`` is still empty then, also of those of earlier
+    checks, add those of joints that gain constraints, releases that remove none, and rods."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0

@@ -410,9 +410,9 @@ def _check_requirement(
     outcomes: list[str],
     problems: Problems,
 ) -> None:
-    """Add problems of a requirement. Its metric is an outcome of the campaign, with a bound; or,
-    without bounds, a status other than ok, or "violation" if there are requirements of other
-    kinds."""
+    """Add problems of a requirement. Its metric is an outcome of the campaign, with a bound that a
+    value can violate and, of two, in order; or, without bounds, a status other than ok, or
+    "violation" if there are requirements of other kinds."""
     key_path, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,

@@ -180,7 +180,8 @@ def read_array(
 
 def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
     """Guess what an unknown key means: name, without unit, of the field that was probably meant
-    (``key`` itself if none is near), and the message on the key. ``fields`` is by such names."""
+    (``key`` itself if none is near), and the message on the key. ``fields`` is by such names. A key
+    whose name is known but whose unit is missing, wrong or not needed is unknown too."""
     if (renamed := _RENAMED.get(key, "")) in fields:
         return renamed, f"unknown key; it is now called {renamed!r}"
     stem, unit = split_unit(key)

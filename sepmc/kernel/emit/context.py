@@ -282,7 +282,8 @@ def change_time(joint: str, number: int) -> str:
 
 
 def stroke_end_time(spec: KernelSpec, spring: str) -> str:
-    """Workspace path of the time at which a spring reached the end of its stroke."""
+    """Workspace path of the time at which a spring, one of `KernelSpec.stroke_columns`, reached the
+    end of its stroke."""
     return component(STROKE_END_TIMES, spec.stroke_columns.index(spring))
 
 

@@ -161,7 +161,8 @@ class Signals:
 
     def _name(self, signal: str, node: Name) -> Jet:
         """Jet (value and time derivatives) of a name in the formula of ``signal``: a constant,
-        another signal, or a quantity in the unit that its name ends with."""
+        another signal, a quantity in the unit that its name ends with, or a state or parameter of
+        the signal itself (`_own`)."""
         if node.path.startswith(OWN):
             return self._own(signal, node)
         if node.path in self.formulas.signals[signal].constants:
@@ -347,7 +348,8 @@ class Quantities:
         return of_axis[key[:-1]](body, "xyz".index(key[-1]))
 
     def _time(self, _: Quantity) -> Jet:
-        """Jet (value and time derivatives) of the time since the start of the case, s."""
+        """Jet (value and time derivatives) of the time since the start of the case, s; its rate is
+        1, or 0 unless ``moving``."""
         return Jet(self.s.time, 1.0 if self.moving else 0.0)
 
     def _event(self, quantity: Quantity) -> Jet:

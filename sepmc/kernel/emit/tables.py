@@ -27,8 +27,8 @@ COEFFICIENTS = 6  # aerodynamic coefficients of a body
 
 
 def looks_up(spec: KernelSpec, body: str) -> bool:
-    """True if aerodynamic coefficients of a body in air come from a table, or have increments from
-    one."""
+    """True if the scene has air and a body's aerodynamic coefficients come from a table, or have
+    increments from one."""
     aero = spec.scene.body[body].aerodynamics
     in_air = spec.scene.environment.atmosphere != "none" and aero is not None
     return in_air and (
