@@ -252,8 +252,8 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     and of values that are not finite or outside the bounds of the parameter, among them those of
     the initial yaw, of an altitude in the 1976 atmosphere, and of a time that ends a phase.
 
-    Only the tails of a normal distribution without truncation may leave the bounds: a case sampled
-    there gets the status invalid-input.
+    A normal distribution without truncation is not checked against the bounds, as its tails have no
+    end: a case sampled beyond a bound gets the status invalid-input.
     """
     parameter = dispersion.parameter
     key_path, numbers = f"dispersion.{parameter.key}", list(dispersion.numbers)

@@ -220,8 +220,9 @@ def _bounds(annotation: Any) -> list[msgspec.Meta]:
 
 
 def to_si(value: Any, factor: float) -> Any:
-    """Multiply a number, or all numbers in nested lists, by ``factor``; other values are returned
-    unchanged, for a later type check. Overflow gives infinity."""
+    """Multiply a number, or all numbers in nested lists, by ``factor``; other values, such as a
+    bool, are returned unchanged, for a later type check. A product is a float; with a factor of 1
+    an int below 2^63 in size stays an int. Overflow gives infinity."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):

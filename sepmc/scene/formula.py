@@ -190,8 +190,9 @@ def _node(tree: ast.expr, depth: int) -> Node:
 
 
 def _operator(tree: ast.expr, depth: int, inner: Callable[..., tuple[Node, ...]]) -> Node:
-    """Convert a Python operator or comparison to a node. ``inner`` converts operands, one level
-    deeper than ``depth``. Raises FormulaError for other expressions."""
+    """Convert a Python operator or comparison to a node. ``inner`` takes operands and converts them
+    one level deeper than ``depth``; the left part of a chain of sums or products, such as a + b of
+    a + b + c, stays at ``depth``. Raises FormulaError for other expressions."""
     if isinstance(tree, ast.UnaryOp):
         if isinstance(tree.op, ast.UAdd):
             return _numeric("+", inner(tree.operand))[0]
@@ -391,7 +392,8 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
 
 def _value(node: Node, values: Mapping[str, Any]) -> tuple[Any, Any]:
     """Value of a node, float or (n,), and a mask of the same shape that is true where the value is
-    undefined. In ``where`` only the chosen branch counts."""
+    undefined: not finite, outside the domain of a function, or computed from such a value. Of the
+    branches of ``where`` only the chosen one counts, and its condition."""
     if isinstance(node, Number):
         return node.value, np.False_
     if isinstance(node, Name):

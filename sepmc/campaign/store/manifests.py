@@ -284,7 +284,8 @@ def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
 
 def diagnose(folder: Path) -> list[Finding]:
     """List all faults of a run folder, after reading every file of it; empty if it is intact.
-    Raises StoreError if it is no run folder."""
+    Of a run in another file format only that is listed, and its files are not read. Raises
+    StoreError if the folder is no run folder."""
     if not (folders.is_run(folder) or read_provenance(folder)):
         raise _no_run(folder)
     try:

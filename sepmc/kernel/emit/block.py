@@ -398,9 +398,8 @@ def _lane_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
 
 
 def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -> None:
-    """Append lines that make one step in segment ``number``, the first of the remaining ones, by
-    the method that the run selects for the segment. ``left`` is the code of the number of remaining
-    steps."""
+    """Append lines that make one step in segment ``number`` by the method that the run selects for
+    the segment. ``left`` is the code of the number of steps that remain, this one included."""
     methods, typical = c.methods(segment), f"typical[{number}]"
     if segment.may_end_by_load:  # no load is looked at in a step without length
         typical = f"max({typical}, {_SHORTEST_S})"

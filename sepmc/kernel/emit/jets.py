@@ -187,8 +187,8 @@ _FUNCTIONS: dict[str, Any] = {
 
 
 def _derivatives(function: str, x: Any, value: Any) -> tuple[Any, Any]:
-    """First and second derivative at ``x`` of a function of one argument, by its name as in
-    `apply`; ``value`` is that of the function at x."""
+    """First and second derivative at ``x`` of sin, cos, tan, exp, log or sqrt, by its name (any
+    other name counts as sqrt); ``value`` is that of the function at x."""
     if function == "sin":
         return _of("cos", x), -value
     if function == "cos":

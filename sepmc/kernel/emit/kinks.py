@@ -167,7 +167,8 @@ def set_mode(scope: Scope, c: Context, event: Event, segment: str) -> None:
 
 def emit_modes(out: Text, c: Context) -> None:
     """Write the kernel function ``set_modes(w)``, which sets, at the start of a case, the mode of
-    each kink to the sign of its switching function; nothing is written without kinks."""
+    each kink to the sign of its switching function in each lane: -1, 1, or 0 within round-off of
+    zero. Nothing is written without kinks."""
     kinks = c.spec.formulas.kinks
     if not kinks:
         return

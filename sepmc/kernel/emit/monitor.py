@@ -23,7 +23,8 @@ _INITIAL = (0.0, math.nan, 0.0)  # at the start of a case: peak, its time, integ
 
 def emit_monitor(out: Text, c: Context) -> None:
     """Write the kernel functions that monitor joint loads over the step just made; add the fields
-    that they need (PEAKS, GUIDES, ...). No function is written if no segment has monitored loads.
+    that they need (PEAKS, GUIDES, ...). If no segment has monitored loads, no function is written,
+    but the fields of outputs (PEAKS, GUIDES) are still added and get their initial values.
 
     ``wrenches_SEGMENT(w)`` stores the loads at one state, ``node_loads(w, phase)`` those at all
     nodes of the step. ``stop_at_load_SEGMENT`` (only for segments with conditions on joint loads)

@@ -82,7 +82,9 @@ class Rows:
             self.rows.append(self._row(row))
 
     def _row(self, row: Row) -> JointRow:
-        """Evaluate a constraint row at the state."""
+        """Evaluate a constraint row at the state: direction, levers, residual, its rate and the
+        right-hand side with the stabilisation against drift. A row that may be inactive gets a
+        mask, which makes its residual and rate 0 then."""
         s, pair = self.s, self.s.joint(row.joint)
         line = None
         if not (row.turns or row.code == at.ROD or self.per_body):

@@ -506,9 +506,12 @@ class Quantities:
         return Jet(e[k], e_rate[k], e_second[k])
 
     def _flow(self, body: str, key: str) -> Jet:
-        """Jet (value and time derivatives) of a quantity of the flow at a body, by ``key``: alpha
-        or beta, rad, airspeed, m/s, Mach number, or dynamic pressure, Pa, with the density factor
-        of the case."""
+        """Jet of a quantity of the flow at a body, by ``key``: alpha or beta, rad, airspeed, m/s,
+        Mach number, or dynamic pressure, Pa, with the density factor of the case.
+
+        If ``moving``, the jet has a rate, which neglects changes of the wind and of the speed of
+        sound and takes the density as exponential in height; its second derivative is then None.
+        """
         from sepmc.kernel.emit.loads import air_density  # noqa: PLC0415
 
         s = self.s

@@ -40,9 +40,12 @@ TIMED, REPEATS = 6000, 3  # timed steps and repetitions; the minimum counts
 
 @dataclass(frozen=True)
 class Hour:
-    """Run of a motion over one hour with a method of drift control: largest relative changes of
-    energy and angular momentum, relative error of attitude (NaN without a closed form), and
-    processor time of a step, s."""
+    """Run of a motion over one hour with a method of drift control.
+
+    ``motion`` is its name, ``method`` one of METHODS, ``run`` its history. ``energy`` and
+    ``angular_momentum`` are the largest changes from the start over the hour, relative to their
+    largest values; ``attitude`` is the largest relative error of the attitude of the second body,
+    NaN without a closed form; ``step_s`` is the processor time of a step, s."""
 
     motion: str
     method: str
