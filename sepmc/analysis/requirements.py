@@ -498,7 +498,9 @@ def _known(number: float) -> float | None:
 
 def _error_at(item: Requirement, errors: Errors) -> float:
     """Return the numerical error of a requirement's outcome at its bound (of two, the larger in
-    size), in the unit of the outcome: 0 for a status or a yes-or-no outcome, NaN if unknown."""
+    size), in the unit of the outcome: 0 for a status or a yes-or-no outcome, NaN if unknown. It is
+    the relative error times the bound, or times the scale of the outcome in ``errors`` if that is
+    larger than the bound."""
     bounds = [abs(bound) for bound in (item.at_least, item.at_most) if bound is not None]
     if not bounds or is_yes_or_no(item.metric):
         return 0.0

@@ -219,8 +219,9 @@ def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:
     Parameters
     ----------
     text : str
-        ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE``; a tolerance may end with %. Without
-        a statistic it is the mean, or the proportion for a status or a yes-or-no outcome.
+        ``METRIC:TOLERANCE`` or ``METRIC.STATISTIC:TOLERANCE``; the tolerance must be > 0, and one
+        that ends with % is a percentage of the statistic's absolute value. Without a statistic it
+        is the mean, or the proportion for a status or a yes-or-no outcome.
     outcomes : collection of str
         Names of the outcomes of the campaign.
 

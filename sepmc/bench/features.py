@@ -86,8 +86,8 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
     """Count the operations of each variant, several in parallel; equal kernels are counted once.
 
     Return an entry for each variant, None if it is not counted: none is with the full formulation,
-    only the whole scene and that without an atmosphere are if the study is quick, and the scene
-    with histories is never."""
+    only the whole scene and that without an atmosphere are if the study is quick, the scene with
+    histories is never, nor is one whose segments differ from those of the study."""
     # its elimination is in loops, whose code does not show the number of iterations
     if study.formulation == FULL:
         return [None] * len(variants)

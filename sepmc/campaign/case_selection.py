@@ -193,7 +193,8 @@ def _from_text(text: str, name: str) -> int | CaseSelection:
 
 
 def _of_numbers(text: str, error: InputError) -> CaseSelection:
-    """Return the selection of case numbers, ``25:50,73``; raises ``error`` for any other text."""
+    """Return the selection of case numbers, such as ``25:50,73`` (25 to 49, and 73); raises
+    ``error`` for any other text, an empty range or a number that is too large."""
     ranges = []
     for part in text.split(","):
         ends = part.split(":")

@@ -12,7 +12,8 @@ from sepmc.text_table import text_table
 
 def render_allocation(allocation: Allocation, file: str, settings: Sequence[str]) -> str:
     """Return an allocation as text: table of inputs, proposed spreads as lines for the campaign
-    file, verdicts of the run that judges them, and the command that repeats that run. ``file`` and
+    file, verdicts of the run that judges them, and the command that repeats that run. If there is
+    no proposal, a sentence with the reason stands in place of all but the table. ``file`` and
     ``settings`` (texts PATH=VALUE) are those of the command line."""
     table = allocation.table
     head = [

@@ -48,7 +48,7 @@ class Folder(click.ParamType):
     name = "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Convert the text to a path."""
+        """Convert the text to a path; one that is not valid ends the command with a usage error."""
         from sepmc.paths import PathError, as_path
 
         try:

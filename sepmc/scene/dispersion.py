@@ -48,7 +48,8 @@ class Dispersion:
 
     @property
     def sentence(self) -> str:
-        """The dispersion as text: ``body.upper.mass_kg: uniform (438, 478)``."""
+        """The dispersion as text: ``body.upper.mass_kg: uniform (438, 478)``, with all ``numbers``
+        of the distribution in brackets; of a column of run.samples its name and support."""
         if self.column:
             low, high = self.support
             return f"{self.parameter.key}: column {self.column} of run.samples ({low:g}, {high:g})"

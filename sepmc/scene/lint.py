@@ -69,8 +69,8 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
 
 def _unloading(scene: Scene) -> Iterator[str]:
     """Yield a sentence on each spring whose force table has negative forces and a return factor
-    below 1: such a spring can keep bodies at a standstill. Springs with ``push_only`` and no
-    positive ``force`` are left out."""
+    below 1: such a spring can keep bodies at a standstill. Springs with ``push_only`` whose
+    constant ``force`` (beside the table) is not positive are left out: they never pull."""
     for spring in scene.spring:
         table = spring.table
         if spring.push_only and spring.force <= 0.0:  # no force then, on either way
@@ -197,8 +197,8 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
 
 
 def _start(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on initial speed, altitude or, in the 1976 atmosphere, dynamic pressure
-    beyond that of any vehicle."""
+    """Yield a sentence each on initial speed, altitude and, in the 1976 atmosphere, dynamic
+    pressure beyond that of any vehicle; also on an altitude below -500 m."""
     start = scene.initial
     if start.speed > _FASTEST:
         yield f"initial.speed = {start.speed:.4g} m/s: is the unit right?"

@@ -234,7 +234,8 @@ def _check_only_releases(scene: Scene, problems: Problems) -> None:
 def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Problems) -> None:
     """Add a problem for each release of a joint to a kind that neither implies nor is implied by a
     kind that the joint can have by then. A release may come in any phase and after any other one,
-    so of each two kinds the constraints of one must include those of the other."""
+    so of each two kinds the constraints of one must include those of the other. ``kinds`` are those
+    of the joint in the phases."""
     joint, possible = scene.joint[name], dict.fromkeys(kinds)
     for release in scene.release:
         if release.joint != name:

@@ -150,7 +150,8 @@ def parse_setting(text: str) -> tuple[str, Any]:
 
 
 def inline_toml(value: Any) -> str:
-    """Text of a value in TOML, on one line."""
+    """Text of a value in TOML, on one line. Keys of tables are written as they are, without quotes;
+    that values are finite and not None is not checked."""
     if isinstance(value, Mapping):
         return f"{{ {', '.join(f'{k} = {inline_toml(v)}' for k, v in value.items())} }}"
     return json.dumps(value)

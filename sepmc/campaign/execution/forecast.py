@@ -133,7 +133,7 @@ def size_text(count: float) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """Duration as text: in s below 100 s, in min up to 100 min, else in h."""
+    """Duration as text: in s below 100 s, in min below 100 min, else in h."""
     if seconds < 100:
         return f"{seconds:.2g} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -56,7 +56,8 @@ class LimitState:
 
     @property
     def sentence(self) -> str:
-        """Requirement in words, such as "requirement.tip_off: tip_off_deg_s <= 5 deg/s"."""
+        """Requirement in words, such as "requirement.tip_off: tip_off_deg_s <= 5 deg/s"; two bounds
+        are joined by "and", and one on contact reads "requirement.NAME: no METRIC"."""
         item, unit = self.requirement, "" if self.column.unit == "1" else f" {self.column.unit}"
         bounds = [
             f"{word} {bound:g}{unit}"

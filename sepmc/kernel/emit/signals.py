@@ -130,7 +130,8 @@ class Signals:
     def inputs(self, signal: str) -> list[Any]:
         """Expressions of the values of the quantities, states, samples in use and response
         parameters on which the tree of a signal (`Formulas.tree`) depends, directly or through
-        other signals; without time and constants."""
+        other signals; without time, constants and known numbers. One that occurs twice is in the
+        list twice. Of another signal with a state or samples only its present value counts."""
         values: list[Any] = []
         for node in walk(self.formulas.tree(signal)):
             if not isinstance(node, Name):

@@ -43,7 +43,8 @@ def _load(angle: float, start: float) -> float:
 
 def peak_loads() -> list[Stress]:
     """Lines of `sepmc stress` on the release time of a hinge with a break load just below, or just
-    above, the peak load of a swing, which lies within a step."""
+    above, the peak load of a swing, which lies within a step. A load above the peak is not
+    reached: the release expected then is that by time, at 1 s."""
     frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
     lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
     lines = []

@@ -126,7 +126,9 @@ def _varied() -> _Varied:
 
 def not_finite() -> list[Stress]:
     """Lines of `sepmc stress` on NaN and infinities in every input in turn, each of which must be
-    flagged, and on a valid case before and after them in the block, which must not change."""
+    flagged, and on a valid case before and after them in the block, which must not change. Of each
+    of the three values there is one line for all inputs, one for the valid cases, and one for each
+    input whose case is ok in spite of the value."""
     varied, lines = _varied(), []
     count, alone = len(varied.nominal), varied.simulate([{}])
     for value in (math.nan, math.inf, -math.inf):
