@@ -30,7 +30,7 @@ MAX_EXACT_CASES = 500_000
 
 
 def index_by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a DataFrame of the columns, indexed by case number (column ``case``)."""
+    """Return a DataFrame of the columns, indexed by case number; ``case`` stays a column too."""
     table = pd.DataFrame(columns)
     table.index = pd.Index(table["case"].to_numpy())
     return table

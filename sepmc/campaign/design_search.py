@@ -301,7 +301,8 @@ class DesignSearch:
     def _first_of_one(self, run: Run) -> None:
         """Run a grid of one variable; then, up to `_ZOOMS` times, run more designs around the
         `_PEAKS` highest peaks of the margin that are negative, between the neighbours of each: a
-        range of accepted designs that is narrower than the grid may lie there."""
+        range of accepted designs that is narrower than the grid may lie there, also if others were
+        found. It ends early only if no peak is negative."""
         (variable,) = self.variables
         frames = [run(np.linspace(variable.low, variable.high, _GRID)[:, None])]
         for _ in range(_ZOOMS):

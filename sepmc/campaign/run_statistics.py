@@ -102,7 +102,8 @@ def evaluate(
 
 
 def read_summary(folder: Path, campaign: Definition) -> TableStatistics | StreamingStatistics:
-    """Summarise the case rows of a run folder, as `evaluate` needs it.
+    """Summarise the case rows of a run folder, as `evaluate` needs it; of many rows percentiles are
+    those of a sketch (`sepmc.analysis.row_statistics.summarise`).
 
     Raises
     ------

@@ -42,8 +42,8 @@ def write_table(designs: DesignMap, campaign: Campaign, path: Path) -> Path:
 
 
 def figure_paths(campaign: Campaign, path: Path) -> list[Path]:
-    """Return the paths of the figures of a map, one for each requirement: beside its table, which
-    is at ``path``."""
+    """Return the paths of the figures of a map, one for each requirement: beside its table at
+    ``path``, with the name of the requirement, STEM-REQUIREMENT.png."""
     names = [item.name for item in campaign.file.requirements]
     return [path.with_name(f"{path.stem}-{name}.png") for name in names]
 
@@ -78,7 +78,8 @@ def _nominal(campaign: Campaign, key: str) -> float | None:
 
 def render_map(designs: DesignMap, campaign: Campaign) -> str:
     """Return a map as text: the numbers of designs and cases, and for each requirement the number
-    of designs at which it is shown, refuted or open."""
+    of designs at which it is shown, refuted or open, with the reason where more cases would hardly
+    help or where the cases are too few to show it at all."""
     lines = [
         f"{len(designs.table)} designs, {designs.cases_text}, seed {designs.seed}; largest "
         f"numerical error {designs.table['error'].max():.1e}"

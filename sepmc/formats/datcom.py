@@ -163,9 +163,9 @@ def _metres_per_unit(text: str) -> float:
 def _moment_point(text: str, output: Output, aero: dict[str, Any]) -> list[str]:
     """Return a list with a sentence if the moment centre that a case prints and ``moment_point`` of
     the aerodynamics differ, or there is no ``moment_point``; else an empty list, also if no moment
-    centre is printed or one of the two is no number with a known unit. Only stations are compared;
-    they may begin at different points, so this is no error. ``text`` is the whole file, which
-    says its unit of length."""
+    centre is printed or one of the two cannot be read. Only stations are compared; they may begin
+    at different points, so this is no error. ``text`` is the whole file, whose unit of length is
+    that of a printed number without a unit."""
     printed = output.references.get("MOMENT CENTER")
     if printed is None:
         return []

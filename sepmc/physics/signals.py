@@ -53,7 +53,7 @@ def logarithm(x):
     Returns
     -------
     float
-        NaN if x is 0 or negative.
+        NaN if x is 0, negative or NaN; infinity if x is infinite.
     """
     positive = x > 0.0
     value = math.log(x if positive else 1.0)

@@ -289,7 +289,7 @@ def _sector(part, p, w):
 @routine
 def _rim(part, end):
     """Return the rim (centre, normal, radius) of a part at its start (``end`` 0) or at its other
-    end (1)."""
+    end (1). The normal of both is the part's axis, which points from its start to its end."""
     start, axis, length, r0, r1 = part
     if end == 0:
         return start, axis, r0

@@ -70,7 +70,8 @@ def lint_scene(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
 def _unloading(scene: Scene) -> Iterator[str]:
     """Yield a sentence on each spring whose force table has negative forces and a return factor
     below 1: such a spring can keep bodies at a standstill. Springs with ``push_only`` whose
-    constant ``force`` (beside the table) is not positive are left out: they never pull."""
+    constant ``force`` (beside the table) is not positive are left out: their whole force is 0 where
+    that of the table is negative."""
     for spring in scene.spring:
         table = spring.table
         if spring.push_only and spring.force <= 0.0:  # no force then, on either way
@@ -152,8 +153,8 @@ def _off_axis(scene: Scene) -> Iterator[str]:
 
 def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     """Yield a sentence on each distribution whose half range exceeds the size of the nominal value.
-    Discrete distributions, parameters that may have either sign, and nominal values of 0 are left
-    out."""
+    Discrete and constant distributions, parameters that may have either sign, loads, and nominal
+    values of 0 are left out."""
     for each in dispersions:
         path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
@@ -263,9 +264,10 @@ def _edge_points(part: Part) -> Iterator[tuple[float, float, float]]:
 
 
 def _springs(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each spring with an axis whose initial force drives its second body
-    toward the first. Springs to the ground, and those whose two bodies have a joint with ``apart``,
-    are left out."""
+    """Yield a sentence on each spring with an axis whose constant ``force`` drives its second body
+    toward the first, within 60 deg of the line between their mass centres. Springs to the ground,
+    those with a ``force`` of 0, and those whose two bodies have a joint with ``apart`` are left
+    out."""
     for spring in scene.spring:
         if spring.axis is None or GROUND in spring.bodies or spring.force == 0.0:
             continue
@@ -324,7 +326,8 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     """Yield a sentence on wind, nominal or dispersed, that has no effect (no atmosphere, or no body
-    with aerodynamics), or whose profile does not cover the initial altitude."""
+    with aerodynamics), or whose profile does not cover the initial altitude and is not calm in the
+    row nearest to it. At most one sentence."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
@@ -349,8 +352,9 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each thrust profile whose first row is later than the ignition; another
-    one if it is not even before the end of the burn, and the burn time is not dispersed."""
+    """Yield a sentence on each thrust profile whose first row is later than the ignition. If that
+    row is not even before the end of the burn, and the burn time is not dispersed, the sentence
+    says instead that the motor does nothing."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         key_path, profile = f"motor.{motor.name}", motor.profile

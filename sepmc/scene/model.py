@@ -346,8 +346,8 @@ class Signal(_Table, frozen=True, kw_only=True):
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the fields that have no effect: ``delay`` without ``sample``, and ``initial`` if
-        the signal has neither `states` nor a delay."""
+        """Names of the fields that would have no effect, given or not: ``delay`` without
+        ``sample``, and ``initial`` if the signal has neither `states` nor a delay."""
         delay = () if self.sample is not None else ("delay",)
         return delay if self.states or self.delay else (*delay, "initial")
 

@@ -64,7 +64,8 @@ def truth(f: Any, value: Any) -> Number:
 
 
 def negation(f: Any, value: Number) -> Number:
-    """Add to ``f`` the code of `not value`, of a truth value; return the result."""
+    """Add to ``f`` the code of `not value`, of a truth value; return the result. Of a value that is
+    known during translation the result is a constant, and no code is added."""
     if value.constant is not None:
         return constant(not value.constant)
     return f.emit(BOOL, f"xor i1 {value.text}, true")

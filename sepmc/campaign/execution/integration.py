@@ -590,7 +590,8 @@ def _refine(
 
 
 def _rows_of(block: Block, numbers: np.ndarray) -> Block:
-    """Block with copies of the results of the cases with indices ``numbers`` (k,) in ``block``."""
+    """Block with copies of the results of the cases with indices ``numbers`` (k,) in ``block``,
+    errors and indicators included; it has no ``refinement``."""
     indicators = None if block.indicators is None else block.indicators[numbers]
     return Block(
         block.outcomes[numbers],

@@ -185,7 +185,8 @@ class Workspace:
 
     def lines(self) -> list[str]:
         """Lines of source code that define, as constants, the offset of each field in the workspace
-        and the sizes, in numbers, of a state (SIZE_Y) and of the workspace (SIZE_W)."""
+        and the sizes, in numbers, of a state (SIZE_Y) and of the workspace (SIZE_W). Fields are in
+        the order in which they were added, but optional ones (`add`) after all others."""
         lines, start = [], 0
         for name in [*(name for name in self.counts if name not in self._last), *self._last]:
             count = self.counts[name]

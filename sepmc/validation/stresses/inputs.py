@@ -95,8 +95,8 @@ class _Varied:
 
 
 def _varied() -> _Varied:
-    """Scene with many inputs: two bodies with air, a motor, a spring with a stroke, a load, and a
-    joint that is released."""
+    """Scene with many inputs: two bodies, the second with aerodynamics, a motor, a spring with a
+    stroke, a load, and a joint that is released."""
     tree = pushed(0.04, end=0.4, spring={"stroke_m": 0.1, "stiffness_N_per_m": 1.0})
     air = {
         "reference_area_m2": 0.1,
