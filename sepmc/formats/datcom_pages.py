@@ -342,9 +342,9 @@ class _Pages:
     def _end_cards(self) -> None:
         """End a list of input cards of Digital DATCOM, and take the name of the case from them.
 
-        A new case begins if the cards give another name than that of the present case, or another
-        vehicle; not if they only change flight conditions, or if the present case has no tables
-        and no name yet."""
+        A new case begins if the cards give another name than that of the present case or, once the
+        present case has tables, another vehicle; not if they only change flight conditions, or if
+        the present case has no tables and no name yet."""
         self.in_cards = False
         names = [printable(match[1]) for card in self.cards if (match := _CASE_NAME.match(card))]
         current = self.cases[self.case]

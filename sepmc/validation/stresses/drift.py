@@ -43,9 +43,10 @@ class Hour:
     """Run of a motion over one hour with a method of drift control.
 
     ``motion`` is its name, ``method`` one of METHODS, ``run`` its history. ``energy`` and
-    ``angular_momentum`` are the largest changes from the start over the hour, relative to their
-    largest values; ``attitude`` is the largest relative error of the attitude of the second body,
-    NaN without a closed form; ``step_s`` is the processor time of a step, s."""
+    ``angular_momentum`` are the largest changes from the start over the hour, relative to the value
+    at the start (of a vector to its largest component); ``attitude`` is the largest relative error
+    of the attitude of the second body, NaN without a closed form; ``step_s`` is the processor time
+    of a step, s."""
 
     motion: str
     method: str
