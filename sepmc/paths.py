@@ -20,6 +20,8 @@ class PathError(ValueError):
 def as_path(name: str | Path) -> Path:
     """Convert a local path or an address in object storage to a path object.
 
+    The storage of an address is asked for the object, which need not exist.
+
     Parameters
     ----------
     name : str or path

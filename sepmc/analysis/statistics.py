@@ -329,7 +329,8 @@ class AuditSummary:
         self.worst, self.case, self.beyond, self._rank = np.nan, -1, 0, -np.inf
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Add values (n,) of ok cases and their case numbers (n,), in increasing order."""
+        """Add values (n,) of ok cases and their case numbers (n,), in increasing order and above
+        those already added. NaN is the worst value, and beyond any bound."""
         if not x.size:
             return
         order = -x if self._is_minimum else x

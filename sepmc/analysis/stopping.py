@@ -188,7 +188,8 @@ class StoppingRule:
 
     def _shortfall(self, summary: _Summary, occurred: Sequence[Occurrence], spread: float) -> str:
         """Return a sentence on the reason why the cases so far are too few to report a mean or a
-        sigma; an empty string if there is none. Arguments as for `look`."""
+        sigma; an empty string if there is none. Arguments as for `look`; with a ``spread`` above
+        0, a large standard error of sigma is no reason."""
         if rare := undersampled(occurred):
             rarest = rare[-1]  # the least probable
             return (

@@ -326,7 +326,8 @@ def inputs_at_scores(
 
 
 def normal_score(probability: float) -> float:
-    """Return the standard-normal quantile of a probability."""
+    """Return the standard-normal quantile of a probability: -inf at 0, inf at 1, NaN outside
+    of 0 to 1."""
     from scipy.special import ndtri  # noqa: PLC0415
 
     return float(ndtri(probability))

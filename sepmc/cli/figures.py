@@ -293,8 +293,8 @@ def ranked_outcomes(campaign: "Campaign", table: "pd.DataFrame") -> list[str]:
 
 
 def _distinct(names: list[str], table: "pd.DataFrame") -> list[str]:
-    """Return the names without those whose statistics equal those of an earlier name, such as the
-    rates of two bodies that move as one."""
+    """Return the names without those whose mean, sigma, minimum and maximum equal, to seven digits,
+    those of an earlier name, such as the rates of two bodies that move as one."""
     first: dict[tuple[str, ...], str] = {}
     for name in names:
         row = table.loc[name].astype(float)

@@ -38,8 +38,9 @@ _EXCLUDED = {
 def estimate_rare_event(requirement: str, parameters: Mapping[str, Any]) -> int:
     """Estimate the probability that a requirement is violated, write the estimate into a folder,
     and print it. ``parameters`` are the options of `sepmc campaign` by name; with its ``dry_run``
-    only the request is checked and printed. Returns the exit code. Raises UsageError for an option
-    that a rare-event estimate cannot have."""
+    only the request is checked and printed. Returns the exit code: 1 without a case whose status is
+    ok, 3 if the audit or the accuracy fails, else 0. Raises UsageError for an option that a
+    rare-event estimate cannot have."""
     for other, name in _EXCLUDED.items():
         if parameters[other] is not None and parameters[other] is not False:
             raise click.UsageError(f"--rare and --{name} exclude each other")

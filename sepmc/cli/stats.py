@@ -33,8 +33,9 @@ from sepmc.cli.results import check_rows, exit_code, show_results, show_selected
 def stats(
     folder: Path, columns: str | None, terms: tuple[str, ...], as_json: bool, must_pass: bool
 ) -> None:
-    """Compute and print the statistics of RUN again from its files; with --where, those of the
-    cases whose inputs or outcomes satisfy a condition.
+    """Compute the statistics and verdicts of RUN again from its files, print them, and write them
+    into RUN. With --where, print those of the cases whose inputs or outcomes satisfy a condition,
+    and write nothing.
 
     \b
     Examples:

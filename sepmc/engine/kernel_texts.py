@@ -128,7 +128,7 @@ def _values(node: Any) -> Iterator[float]:
 
 def _ranked(node: Any, ranks: dict[float, int]) -> Any:
     """Return a copy of nested dicts and lists with each float replaced by its rank, from ``ranks``,
-    or by -1 if it is NaN."""
+    or by -1 if it is not among these, as NaN never is."""
     if isinstance(node, float):
         return ranks.get(node, -1)  # -1: NaN
     if isinstance(node, dict):

@@ -284,7 +284,9 @@ class _Pages:
         self.length_unit = ""
 
     def add(self, line_number: int, line: str) -> None:
-        """Read a line; ``line_number`` is counted from 1."""
+        """Read the next line of the output: a row of coefficients goes into a table of ``cases``,
+        headings and conditions of flight describe the tables that follow, other lines are skipped.
+        ``line_number`` is counted from 1."""
         if self._header(line):
             return
         upper = line.upper()
@@ -431,7 +433,8 @@ class _Pages:
                 )
 
     def _new_table(self) -> Table:
-        """Empty table of the page that is read."""
+        """Empty table with the configuration, conditions, Mach number and references of the page
+        that is read; the caller appends it to the tables of the case."""
         lines = [each for each in self.heading if "PAGE" not in each]
         extra: list[str] = []
         if lines and len(lines) == len(self.heading):  # of Digital DATCOM

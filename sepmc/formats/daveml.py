@@ -222,8 +222,8 @@ def _turn_signs(
 
 
 def _title(element: Element) -> str:
-    """Title of the column of a variable: the coefficient that its standard name means, else its
-    name."""
+    """Title of the column of a variable: the coefficient of which its name, or else its varID, is
+    the standard name (`STANDARD`); if neither is one, the name, or the varID without a name."""
     name = element.attributes.get("name", "").strip()
     variable = element.attributes.get("varID", "").strip()
     standard = STANDARD.get(name) or STANDARD.get(variable)

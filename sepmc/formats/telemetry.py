@@ -315,8 +315,9 @@ def _prepare(package: str) -> None:
 
 @contextmanager
 def _collected_warnings() -> Iterator[list[str]]:
-    """Context in which warnings and log messages of libraries are collected in a list, which it
-    yields, instead of being printed. The warnings are in it only after the context ends."""
+    """Context in which warnings, and log messages at the level of a warning or above, of libraries
+    are collected in a list, which it yields, instead of being printed; lesser messages are
+    discarded. The warnings are in it only after the context ends."""
     texts: list[str] = []
 
     def collect(_: logging.Logger, record: logging.LogRecord) -> None:

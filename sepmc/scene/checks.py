@@ -225,7 +225,8 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
 
 def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
     """Add a problem if the parameter of a dispersion cannot vary in this scene, or not with this
-    kind of distribution."""
+    kind of distribution: ``fails`` only as discrete or constant 0 and 1, ``friction`` only if its
+    nominal value is not 0, ``offset_m`` of a part of an outline only if the part is a frustum."""
     parameter = dispersion.parameter
     key_path, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
     if parts[-1] == "fails" and not (

@@ -190,7 +190,8 @@ def _from_column(
 ) -> Dispersion | None:
     """Dispersion from a column of the table of samples: the ``column`` that the distribution names,
     else the one named like the parameter's column. None, after adding a problem, if it is not
-    valid."""
+    valid. If there is no table (None), a distribution that names a column is a problem; with one
+    that names none, the caller must give a table."""
     if distribution.column is not None:
         if _given(distribution) or distribution.weights:
             problems.add(key_path, "give a column of run.samples or a distribution, not both")

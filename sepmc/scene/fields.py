@@ -260,7 +260,8 @@ def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
 
 
 def _options(kind: Any) -> list[str]:
-    """Allowed values of a Literal type, as texts; empty for other types."""
+    """Allowed values of a Literal type, or of an optional or annotated one, as texts; empty for
+    other types."""
     bare, _ = _unwrap(kind)
     return [str(option) for option in get_args(bare)] if get_origin(bare) is Literal else []
 

@@ -139,8 +139,8 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
 
 
 def text_fault(text: str, most: int) -> str:
-    """Error text if ``text`` has more than ``most`` characters or control characters; empty if it
-    is valid."""
+    """Error text if ``text`` has more than ``most`` characters, or control characters (line breaks
+    and tabs, too); empty if it is valid."""
     if len(text) > most:
         return f"has {len(text):,} characters: must be at most {most:,}"
     return "" if text.isprintable() else "must be text without control characters"

@@ -174,8 +174,8 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
 
 def _check_part(key_path: str, part: Part, problems: Problems) -> None:
     """Add problems of a part of an outline, which must be either a frustum or points; ``hollow``
-    and ``sector_deg`` need a frustum of some length, and exclude each other; ``offset_m`` needs a
-    frustum."""
+    and ``sector_deg`` need a frustum of some length, and exclude each other; the second angle of
+    ``sector_deg`` is above the first by at most 360; ``offset_m`` needs a frustum."""
     if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
         not part.points
     ):

@@ -130,7 +130,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
     str
         "did you mean ...?" with a known word: the equivalent of a term of other tools, one that
         contains all parts of ``word``, or one of similar spelling. Without any, "known here: ..."
-        with the known words; of more than 24, those that share a part with ``word``, or the first.
+        with the known words ("nothing" if there are none); of more than 24, those that share a
+        part with ``word``, or else the first ones.
     """
     known, parts = list(known), _parts(word)
     if _SYNONYMS.get(word.lower()) in known:

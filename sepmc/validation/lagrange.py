@@ -399,7 +399,8 @@ class _Simulation:
     def advance(self, t_end: float, stroke: float = np.inf) -> bool:
         """Integrate to t_end, s, or until the separation distance reaches the stroke, m (infinite
         for none), and store the time and state reached. Return True if the stroke ended the
-        interval. No motor may ignite or burn out within the interval."""
+        interval; once the bodies are free the stroke is ignored, and the result is False. No motor
+        may ignite or burn out within the interval."""
 
         def event(t: float, y: Array) -> float:
             """Separation distance minus the stroke, m."""

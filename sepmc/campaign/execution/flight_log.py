@@ -26,7 +26,8 @@ _SAVE_NUMBERS = 8_000_000  # pending numbers (64 MB) that are written earlier
 _NAMES = {"rare": "requirement", "flights_allowed": "number of cases"}
 _VALUE = Column("value", "", "margins, then rows, of one batch after the other")
 
-Batch = tuple[np.ndarray, np.ndarray]  # margins (n,) and rows (n, k): inputs, status, results
+# margins (n,), below 0 for a violation, and rows (n, k): inputs, status, results
+Batch = tuple[np.ndarray, np.ndarray]
 
 
 class FlightLog:
@@ -89,9 +90,9 @@ class FlightLog:
         return margin, rows
 
     def add(self, margin: np.ndarray, rows: np.ndarray, summary: BatchSummary) -> None:
-        """Append a completed batch, margins (n,) and rows (n, k), to the log; ``summary`` is of all
-        cases so far. Batches are collected in memory and written every ten seconds, or earlier if
-        they are large."""
+        """Append a completed batch, margins (n,), below 0 for a violation, and rows (n, k), to the
+        log; ``summary`` is of all cases so far. Batches are collected in memory and written every
+        ten seconds, or earlier if they are large."""
         self._pending.append((margin, rows))
         self.summary = summary
         n_numbers = sum(rows.size for _, rows in self._pending)

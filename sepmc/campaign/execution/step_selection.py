@@ -289,8 +289,8 @@ def _refined_case_by_case(
 ) -> Integration:
     """Integration in which the steps of every case are refined by themselves (if the file gives the
     step, only to measure its error), for a campaign without common steps that suit most cases. Its
-    accuracy is that of ``size`` calibration cases; ``stages`` are the names of the segments,
-    ``remaining_kernels`` the fallback kernels."""
+    accuracy is that of the corner cases of ``size`` and an eighth of its random cases; ``stages``
+    are the names of the segments, ``remaining_kernels`` the fallback kernels."""
     draws, given_step = (
         np.vstack(
             [

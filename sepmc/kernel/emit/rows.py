@@ -385,8 +385,8 @@ Solver = Factors | LeastSquares
 
 
 def is_finite(s: State) -> Expr:
-    """Condition that a state is finite; only velocities are checked, to which NaN and inf of other
-    components spread."""
+    """Condition that a state is finite; only the velocities of the mass centres are checked, to
+    which NaN and inf of other components spread."""
     finite: Expr = getattr(scalar, "math.isfinite")(
         total([x for body in s.spec.bodies for x in s.velocity(body)])
     )

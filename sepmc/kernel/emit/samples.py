@@ -43,7 +43,7 @@ def take_samples(segment: Segment) -> str:
 def emit_samples(out: Text, c: Context, segment: Segment) -> None:
     """Write the kernel function ``take_samples_SEGMENT(w)``, which, at the end of an interval,
     begins to use samples and takes new ones where they are due, and ends cases in which a sampled
-    value is undefined (status undefined-formula). Nothing is written without sampled signals.
+    value is NaN or infinite (status undefined-formula). Nothing is written without sampled signals.
 
     Signals are sampled in the order of the file: a signal sees the samples that others before it
     have just taken.

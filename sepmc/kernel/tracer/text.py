@@ -114,7 +114,8 @@ class Text:
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
         """Append a statement that is the text ``start``, then ``terms`` joined by " + ", then the
-        text ``end``; broken between terms into lines of at most `WIDTH` characters."""
+        text ``end``; broken between terms into lines of at most `WIDTH` characters. A bracket that
+        ``start`` opens and ``end`` closes must then be around the terms."""
         lead = "    " * self.indent
         whole = lead + start + " + ".join(terms) + end
         if len(whole) <= WIDTH:

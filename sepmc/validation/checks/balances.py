@@ -73,7 +73,8 @@ def _integral(run: NominalRun, rate: Array) -> Array:
 
 def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
     """Force (n, 3), N, moment about the origin (n, 3), N m, and power (n,), W, of all motors in the
-    n rows of a run, ground axes. Build-up, burn time and tail-off are not included."""
+    n rows of a run, ground axes. Each motor has its full thrust all the time: ignition, profile,
+    build-up, burn time, tail-off and deflection are not considered."""
     force, moment, power = (
         np.zeros((len(run.t), 3)),
         np.zeros((len(run.t), 3)),
@@ -99,7 +100,8 @@ def _thrust(run: NominalRun) -> tuple[Array, Array, Array]:
 
 def _springs(run: NominalRun) -> tuple[Array, Array]:
     """Energy stored in all springs since the start, (n,), J, and power lost in their dampers, (n,),
-    W, in the n rows of a run."""
+    W, in the n rows of a run. A spring that has pushed has less energy: below 0. Tables, factors,
+    strokes and ``push_only`` of springs are not considered."""
     stored, lost = np.zeros(len(run.t)), np.zeros(len(run.t))
     for spring in run.scene.spring:
         a, b = (run.body(name) for name in spring.bodies)
