@@ -78,8 +78,10 @@ class _BlockCounters:
         self.failed: dict[str, list[int]] = {}
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        """Add a block of n cases: their numbers (n,), status codes (n,), and ``columns`` (k, n),
-        whose rows are the outcomes (NaN where a case has none) and then the audit columns."""
+        """Add one block of n cases, n at most `ACCUMULATION_BLOCK`: their numbers (n,), status
+        codes (n,), and ``columns`` (k, n), whose rows are the outcomes (NaN where a case has none)
+        and then the audit columns. Only the ok cases enter moments, sketches, margins and
+        audits."""
         counts = np.bincount(codes, minlength=len(self.by_code))
         self.by_code += counts
         ok: slice | np.ndarray = slice(None)

@@ -13,8 +13,8 @@ _MOST = 100  # cases of --replays
 
 
 def _numbers(ctx: click.Context, param: click.Parameter, value: str | None) -> list[int]:
-    """Return the case numbers of the text ``3,17``, sorted; empty for None. Raises BadParameter for
-    other text, or too many numbers."""
+    """Return the case numbers of the text ``3,17``, sorted, each once; empty for None. Raises
+    BadParameter for other text, a negative number, or too many different numbers."""
     try:
         numbers = [] if value is None else sorted({int(number) for number in value.split(",")})
     except ValueError:

@@ -238,12 +238,14 @@ def _mjcf(root: Element, name: Any) -> MassProperties:
 def _orientation(
     inertial: Element, compiler: dict[str, str], include: Element | None
 ) -> np.ndarray:
-    """Rotation matrix (3, 3) that takes components in the axes of the element ``inertial`` to those
-    in the axes of its body; the identity if it states no orientation.
+    """Rotation matrix (3, 3) that takes components in the axes of MJCF's element ``inertial`` to
+    those in the axes of its body.
 
-    ``compiler`` has the attributes of MJCF's element ``compiler``: unit of angles and sequence of
-    Euler angles. Raises FormatError for an orientation that is not valid, and for angles if there
-    is an element ``include``, whose file may change this unit and this sequence.
+    The orientation is one of ``quat``, ``euler``, ``axisangle``, ``xyaxes`` and ``zaxis``; without
+    any the matrix is the identity. ``compiler`` has the attributes of MJCF's element ``compiler``:
+    unit of angles and sequence of Euler angles. Raises FormatError for several orientations or one
+    that is not valid, and for ``euler`` and ``axisangle`` if there is an element ``include``, whose
+    file may change this unit and this sequence.
     """
     known = [k for k in ("quat", "euler", "axisangle", "xyaxes", "zaxis")
              if k in inertial.attributes]  # fmt: skip

@@ -220,9 +220,10 @@ def _histogram(
     source: str,
     required: Sequence[float],
 ) -> None:
-    """Draw the histogram of an outcome as a density, on a logarithmic axis if it has a long tail.
+    """Draw the histogram of an outcome as a density, whose axis (the vertical one) is logarithmic
+    if the distribution has a long tail.
 
-    Also marked are the extremes, the ``reference`` values, the ``required`` bounds (those far
+    Equal values, which have no density, are one vertical line. Also marked are the extremes, the ``reference`` values, the ``required`` bounds (those far
     outside are named in the title instead) and, if the distribution is nearly normal, the normal
     density of equal mean and sigma. ``words`` and ``unit`` label the axis; ``source`` names the
     reference.

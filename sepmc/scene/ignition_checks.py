@@ -31,7 +31,8 @@ def check_ignitions(scene: Scene, problems: Problems) -> None:
 
 def _check_trigger(key_path: str, trigger: Ignition, scene: Scene, problems: Problems) -> None:
     """Add a problem, at ``key_path``, unless a trigger names exactly one event, release or joint,
-    which exists; a joint must be constrained in the first phase and become free later."""
+    which exists; a joint must be constrained in the first phase and become free later. Whether a
+    joint is so is checked only if ``problems`` is still empty."""
     keys = [key for key in _TRIGGERS if getattr(trigger, key) is not None]
     if len(keys) != 1:
         others = f", not {' and '.join(keys)}" if keys else ""

@@ -325,9 +325,9 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on wind, nominal or dispersed, that has no effect (no atmosphere, or no body
-    with aerodynamics), or whose profile does not cover the initial altitude and is not calm in the
-    row nearest to it. At most one sentence."""
+    """Yield at most one sentence: on wind, nominal or dispersed, that has no effect (no atmosphere,
+    or no body with aerodynamics), or whose profile does not cover the initial altitude and is not
+    calm in the row nearest to it."""
     wind = scene.environment.wind
     blows = wind.speed > 0.0 or wind.profile is not None
     blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
@@ -375,9 +375,10 @@ def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[st
 
 
 def _never_occurring(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield sentences on conditions that are never met, unless the time or stroke on which this
-    depends is dispersed; and on outputs and clearances of joints that are never released or never
-    constrained."""
+    """Yield sentences on conditions that are never met: of the end of the stroke of a spring that
+    has no stroke, or of a time after the end of the run, unless the stroke or the time is
+    dispersed. Also on outputs without a value: tip-off rates and clearances after a release of
+    joints that are never released, and loads of joints that are free in all phases."""
     varied = {d.parameter.path for d in dispersions}
     waiting = [(f"phase.{p.name}.until", p.until) for p in scene.phase if p.until is not None]
     waiting += [(f"release.{r.name}.when", r.when) for r in scene.release]

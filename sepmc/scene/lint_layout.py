@@ -58,8 +58,9 @@ def _stations(scene: Scene) -> Iterator[str]:
 
 
 def _mirrored(scene: Scene) -> Iterator[str]:
-    """Yield a sentence on each pair of bodies that are mirror images of each other in mass, moments
-    and mass centre, but whose products of inertia have equal instead of opposite signs."""
+    """Yield a sentence on each pair of bodies that are mirror images of each other in y or in z (in
+    mass, moments and mass centre), but whose products of inertia that a mirror turns have equal
+    instead of opposite signs."""
     for (one, a), (two, b) in itertools.combinations(scene.body.items(), 2):
         if not (_same((a.mass,), (b.mass,)) and _same(a.inertia, b.inertia)):
             continue

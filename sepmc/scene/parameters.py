@@ -196,7 +196,8 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
 
 def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
     """Names that a path uses for the items of an array: names of tables, indices of points,
-    component names of a vector; empty for a series, whose numbers have no path."""
+    component names of a vector; empty for a series, whose numbers have no path. ``field`` is the
+    field of the model that has the array; if it is None, the items of a vector have no names."""
     if node and all(isinstance(item, msgspec.Struct) for item in node):
         return item_names(node)
     if node and all(isinstance(item, tuple) for item in node):

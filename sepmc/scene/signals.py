@@ -133,7 +133,8 @@ def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[t
 
 def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
     """Convert the array ``[[signal]]`` of a file: keys that are no field of `Signal` become
-    constants of its formula. Adds problems; entries that cannot be read are left out."""
+    constants of its formula. Adds problems. Only entries that cannot be converted to a `Signal` are
+    left out: one whose name is reserved or used twice, or whose constant is not valid, stays."""
     if not isinstance(tree, list):
         problems.add("signal", "must be an array of tables: [[signal]]", tree)
         return ()

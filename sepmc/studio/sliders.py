@@ -144,7 +144,8 @@ def _check(
     campaign: "Campaign", key: str, parameter: Parameter, dispersion: Dispersion | None
 ) -> None:
     """Raise InputError if a parameter that ``key`` names, of this ``dispersion``, cannot have a
-    slider."""
+    slider: it is the same in all cases by definition (`is_structure`), its nominal value is not
+    finite, or its distribution is discrete or a column of a sample table."""
     name = key if parameter.key == key else f"{key}: {parameter.key}"
     if is_structure(parameter.path) or not math.isfinite(value(campaign.scene, parameter.path)):
         raise InputError(

@@ -60,8 +60,9 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
 
 
 def _time_to_event(s: State, event: Event) -> Any:
-    """Expression of the predicted time from the state to an event, s (infinite if none is in
-    sight); add to the scope lines that store value and rate of its condition for later steps."""
+    """Expression of the predicted time from the state to an event, s (0 if its condition was met at
+    the start of the interval, infinite if none is in sight); add to the scope lines that store
+    value and rate of its condition for later steps."""
     if event.direction:
         return _time_to_crossing(s, event)
     if event.quantity == at.AT_KINK:

@@ -1,5 +1,5 @@
 """Stresses of tables of aerodynamics, air, wind and proximity, entered at their edges and
-beyond."""
+beyond. Each function simulates its cases and returns the lines."""
 
 import math
 

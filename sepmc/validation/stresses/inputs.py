@@ -1,5 +1,5 @@
 """Stresses of inputs that no dispersion should sample (not finite, not physical, absurdly large),
-and of scenes that must be refused."""
+and of scenes that must be refused. Each function simulates its cases and returns the lines."""
 
 import copy
 import math

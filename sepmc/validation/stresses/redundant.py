@@ -1,5 +1,6 @@
 """Stresses of redundant or nearly redundant joints: double welds, a loop of welds, a closed
-four-bar, two balls or two hinges, short rods."""
+four-bar, two balls or two hinges, short rods. Each function simulates its cases and returns the
+lines."""
 
 import math
 from typing import Any

@@ -1,5 +1,5 @@
 """Stresses of springs up to 1e9 N/m, with steps that resolve their oscillation and steps that do
-not."""
+not. Each function simulates its cases and returns the lines."""
 
 import math
 

@@ -1,4 +1,5 @@
-"""Stresses of fast rotation, of steps of every length, and of angles beyond half a turn."""
+"""Stresses of fast rotation, of steps of every length, and of angles beyond half a turn. Each
+function simulates its cases and returns the lines."""
 
 import math
 
