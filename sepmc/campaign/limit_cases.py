@@ -299,7 +299,8 @@ class _LimitSearch:
         return levels
 
     def table(self, names: list[str], levels: np.ndarray) -> pd.DataFrame:
-        """Return `LimitCases.table` for n cases: their names, and their levels (n, d)."""
+        """Return `LimitCases.table` for n cases: their names, and their levels (n, d), as `inputs`
+        takes them. Cases that were not simulated before are simulated."""
         dispersions = self.campaign.file.dispersions
         keys = np.array([one.parameter.key for one in dispersions], dtype=object)
         status, outcomes = self.run(levels)

@@ -207,7 +207,8 @@ def _ratio(lateral: _Reference, long: _Reference) -> float:
 
 def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
     """Raise FormatError if the reference area or length of a file is not that of the aerodynamics
-    of the campaign (``aero``) within 2 %; one that either of them does not give is not compared."""
+    of the campaign (``aero``) within 2 %; one that either of them does not give is not compared.
+    ``references`` has those of the file by their DATCOM names, here ``sref`` and ``lref``."""
     for name, stem, kind in (
         ("sref", "reference_area", "area"),
         ("lref", "reference_length", "length"),

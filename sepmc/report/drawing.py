@@ -211,7 +211,8 @@ def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, pa
 
 
 def _size(scene: Scene) -> float:
-    """Return the length of the vehicle along its stations, m; at least 1 mm."""
+    """Return the range of the stations of all that is drawn (outlines, centres of mass, motors,
+    joints, springs and points of loads), m; at least 1 mm."""
     stations = [body.cg[0] for body in scene.body.values()]
     stations += [motor.station for motor in scene.motor]
     stations += [joint.point[0] for joint in scene.joint.values()]

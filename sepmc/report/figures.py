@@ -223,10 +223,10 @@ def _histogram(
     """Draw the histogram of an outcome as a density, whose axis (the vertical one) is logarithmic
     if the distribution has a long tail.
 
-    Equal values, which have no density, are one vertical line. Also marked are the extremes, the ``reference`` values, the ``required`` bounds (those far
-    outside are named in the title instead) and, if the distribution is nearly normal, the normal
-    density of equal mean and sigma. ``words`` and ``unit`` label the axis; ``source`` names the
-    reference.
+    Equal values, which have no density, are one vertical line. Also marked are the extremes, the
+    ``reference`` values, the ``required`` bounds (those far outside are named in the title instead)
+    and, if the distribution is nearly normal, the normal density of equal mean and sigma. ``words``
+    and ``unit`` label the horizontal axis; ``source`` names the reference.
     """
     mean, sigma, has_bins = histogram.mean, histogram.sigma, histogram.edges.size > 0
     if has_bins:

@@ -352,9 +352,9 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each thrust profile whose first row is later than the ignition. If that
-    row is not even before the end of the burn, and the burn time is not dispersed, the sentence
-    says instead that the motor does nothing."""
+    """Yield one sentence on each thrust profile whose first row is later than the ignition: that
+    the motor does nothing, if the row is not even before the end of the burn and the burn time is
+    not dispersed; else that there is no thrust before the row."""
     varied = {d.parameter.path for d in dispersions}
     for motor in scene.motor:
         key_path, profile = f"motor.{motor.name}", motor.profile

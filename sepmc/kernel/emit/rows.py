@@ -279,8 +279,9 @@ class Rows:
 
     def _group_forces(self, multipliers: list[Any]) -> dict[str, Any]:
         """Force on the second body, ground axes, N, of each joint between bodies of one rigid
-        group, by joint, given the multiplier of each row; joints whose force is known to be zero
-        are left out."""
+        group, by joint: the sum, over its rows that constrain a translation within the group, of
+        multiplier times direction. ``multipliers`` has one for each of ``rows``. Joints whose force
+        is known to be zero are left out."""
         own: dict[str, Any] = {}
         for m, one in zip(multipliers, self.rows, strict=True):
             if one.own:
