@@ -147,9 +147,9 @@ def analyse(
 def draw_sensitivities(
     drivers: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw tornado charts of the sensitivities of a run, and scatter plots of outcomes over their
-    leading inputs, into the folder ``into``; returns the files written, none without
-    sensitivities."""
+    """Draw two figures into the folder ``into``: tornado charts of the sensitivities of a run, and
+    scatter plots of outcomes over their leading inputs. Returns the two files, none without
+    sensitivities. ``suffix`` is the ending of the files."""
     if not drivers.sensitivities:
         return []
     units = {c.name: c.unit for c in campaign.outcome_columns}
@@ -176,8 +176,9 @@ def draw_sensitivities(
 def draw_attributions(
     drivers: InputSensitivity, folder: Path, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw the inputs that distinguish violating and failed cases of a run into the folder
-    ``into``; returns the files written, none without such inputs."""
+    """Draw one figure of the inputs that distinguish violating and failed cases of a run, into the
+    folder ``into``; returns the list of its file, empty without such inputs. ``suffix`` is the
+    ending of the file."""
     known = {name: drivers.attributions[name] for name in drivers.failures}
     shown = {name: each for name, each in known.items() if each}
     if not shown:

@@ -223,7 +223,8 @@ def _reset_load_sides(text: Text, segment: Segment) -> None:
 
 def _check_start(text: Text, c: Context) -> None:
     """Append lines that reject cases whose initial state violates constraint rows by more than the
-    tolerance (status inconsistent-start)."""
+    tolerance (status inconsistent-start). They read the residuals in RESIDUAL_NOW, which
+    ``correct_SEGMENT(w)`` stores: its call must come before them."""
     scope = c.scope()
     for k in range(4):
         reject_unless(

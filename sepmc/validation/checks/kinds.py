@@ -78,8 +78,8 @@ def sizes(run: NominalRun) -> dict[str, float]:
 
 def full_against_reduced() -> list[Line]:
     """Check the full against the reduced formulation, one line for each joint kind: largest
-    difference in any column of the history. The steps are long, 0.05 s, as their errors are equal
-    in both."""
+    difference, relative as in `largest_difference`, in any column of the history. The steps are
+    long, 0.05 s, as their errors are equal in both."""
     lines = []
     for kind in KINDS:
         reduced, full = (
@@ -100,7 +100,8 @@ def full_against_reduced() -> list[Line]:
 
 def against_lagrange() -> list[Line]:
     """Check the engine against minimal coordinates, one line for each joint kind: largest
-    difference of outcomes, of the last row of the history and of the joint loads at the end."""
+    difference, relative as in `largest_difference`, of outcomes, of the last row of the history and
+    of the joint loads at the end."""
     lines = []
     for kind in KINDS:
         run = nominal_run(kind)
