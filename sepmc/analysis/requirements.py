@@ -155,8 +155,9 @@ class RequirementCounter:
         self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Add to the counts the cases that violate (mask ``known``) and those without a known
-        outcome (mask ``unknown``), and note the first number of each among the case ``numbers``
-        (n,); return the two masks (n,) unchanged."""
+        outcome (mask ``unknown``): the latter count as ``missing`` and, with the former, as
+        ``violations``. Note the first number of each among the case ``numbers`` (n,); return the
+        two masks (n,) unchanged."""
         self.missing += int(np.count_nonzero(unknown))
         self.violations += int(np.count_nonzero(known | unknown))
         if self.first < 0 and known.any():

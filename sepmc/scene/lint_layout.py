@@ -10,7 +10,7 @@ _SAME = 1e-9  # relative difference of numbers that are the same
 
 
 def lint_layout(scene: Scene) -> Iterator[str]:
-    """Yield findings on stations, mirrored bodies and burn times of a scene.
+    """Yield findings on stations, mirrored bodies and burns shorter than the build-up of a scene.
 
     Parameters
     ----------

@@ -71,8 +71,8 @@ def _gap(a: _Body, b: _Body, arms: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _translation(a: _Body, b: _Body, arms: Array, axis: Array) -> tuple[Row, Row]:
-    """Row of a translation along ``axis``, fixed in A, by the kernels' formulas, and the same by
-    `derivatives`; ``arms`` as for `_gap`."""
+    """Row (C' twice, C'') of a translation along ``axis``, fixed in A, by the kernels' formulas,
+    and the same by `derivatives`; ``arms`` as for `_gap`."""
     d, d_rate, rho_a, rho_b = (tuple(v) for v in _gap(a, b, arms))
     e = a.r @ axis
     arm_a, arm_b, gamma = joints.translation(
@@ -86,8 +86,8 @@ def _translation(a: _Body, b: _Body, arms: Array, axis: Array) -> tuple[Row, Row
 
 
 def _rod(a: _Body, b: _Body, arms: Array) -> tuple[Row, Row]:
-    """Row of a rod between the joint points, by the kernels' formulas, and the same by
-    `derivatives`; ``arms`` as for `_gap`."""
+    """Row (C' twice, C'') of a rod between the joint points, by the kernels' formulas, and the same
+    by `derivatives`; ``arms`` as for `_gap`."""
     d, d_rate, rho_a, rho_b = _gap(a, b, arms)
     e, arm_a, arm_b, gamma = joints.rod(*(tuple(v) for v in (d, d_rate, rho_a, rho_b, a.w, b.w)))
     row = _rates_of(a, b, e, arm_a, arm_b, gamma)
@@ -109,8 +109,8 @@ def _rates_of(
 
 
 def _rotation(a: _Body, b: _Body, constrained: str) -> tuple[Row, Row]:
-    """Row of a constrained rotation, "x", "y" or "z", by the kernels' formulas, and the same by
-    `derivatives`."""
+    """Row (C' twice, C'') of a constrained rotation, "x", "y" or "z", by the kernels' formulas, and
+    the same by `derivatives`."""
     of_a, of_b = (AXES[axis] for axis in PERPENDICULAR[constrained])
     state = tuple(b.r @ of_b), tuple(a.r @ of_a), tuple(a.w), tuple(b.w)
     n, gamma = joints.rotation(*state)
