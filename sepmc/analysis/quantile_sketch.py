@@ -171,7 +171,8 @@ class _Grid:
         self.n, self.min_value, self.max_value = 0, np.inf, -np.inf
 
     def state(self) -> list[np.ndarray]:
-        """Return the state as arrays for `restored`, without counts that are zero."""
+        """Return the state as arrays for `restored`: layout of the bins and extremes, atoms, and
+        counts that are not zero. The sample is not part of it."""
         occupied = np.flatnonzero(self.counts)
         tails = [np.array(list(tail.items()), dtype=float).ravel() for tail in self.tails]
         infinite = np.array(self.infinite, dtype=float)

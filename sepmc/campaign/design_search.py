@@ -67,7 +67,8 @@ class Goal:
         return np.asarray(self.weights[used] * (costs[:, used] - self.low[used]))
 
     def of(self, costs: np.ndarray) -> np.ndarray:
-        """Return the values (m,) of the goal for m designs with costs (m, n)."""
+        """Return the values (m,) of the goal for m designs with costs (m, n): the sum of ``shares *
+        costs`` plus the largest of `terms` (0 without terms)."""
         terms = self.terms(costs)
         largest = terms.max(axis=1) if terms.shape[1] else 0.0
         return np.asarray(largest + costs @ self.shares)

@@ -29,8 +29,10 @@ def unloading_path(spring: str) -> str:
 
 
 def has_kinks(spring: Spring, dispersed: frozenset[str]) -> bool:
-    """True if the force table of a spring has kinks within its stroke in some case; False without a
-    table. ``dispersed`` are the paths of dispersed parameters."""
+    """True if the force table of a spring has kinks within its stroke in some case: it is not a
+    cubic spline, the stroke begins before its first row or may end beyond its last row, or its
+    force may jump (`has_unloading`). False without a table. ``dispersed`` are the paths of
+    dispersed parameters."""
     table = spring.table
     if table is None:
         return False
