@@ -110,7 +110,8 @@ def _by_name(value: Any) -> Any:
 
 
 def _brief(value: Any) -> str:
-    """Return the text of a value; one longer than 60 characters is cut and ends in ``...``."""
+    """Return the text of a value; one longer than 60 characters is cut to 60, which end in
+    ``...``."""
     text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -309,8 +309,9 @@ class Definition:
 
     @property
     def _contents(self) -> dict[str, Any]:
-        """TOML tree of the file without the keys that change no outcome of a case; the sample table
-        is represented by its digest."""
+        """TOML tree of the file without the keys that change no outcome of a case, and without
+        number of cases, seed and chunk of the run; the sample table is represented by its
+        digest."""
         tree = {k: v for k, v in self.file.tree.items() if k not in _NO_OUTCOME}
         tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in _NOT_IN_DIGEST}
         if self.file.input_table:

@@ -121,7 +121,7 @@ def _resolution(scene: Scene) -> str:
 
 def _push(motor: Motor) -> str:
     """Direction in which a motor pushes its body, in words: ``pushes upper forward`` (or aft, or
-    sideways), by the nominal cant."""
+    sideways, if the nominal cant is between 60 and 120 deg)."""
     forward = float(np.cos(motor.cant))
     return f"pushes {motor.body} " + (
         "forward" if forward > 0.5 else "aft" if forward < -0.5 else "sideways"

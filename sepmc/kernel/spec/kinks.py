@@ -89,7 +89,7 @@ class Formulas:
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
-        """Signals of the scene, by their generated names."""
+        """Signals of the scene, by their generated names, which are also their ``name``."""
         return {signal.name: signal for signal in self.scene.signal}
 
     @cached_property

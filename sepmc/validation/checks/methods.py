@@ -58,13 +58,13 @@ def orders() -> list[Line]:
 
     def of_smooth(settings: dict) -> float:
         """Largest absolute error of all components of the rates, rad/s, and of the attitude matrix
-        at the end of a run of the free body."""
+        at the end of a run of the free body, with ``settings``, against the closed form."""
         stone = NominalRun(smooth.with_settings(settings), smooth.scene.run.end_time).body("stone")
         return float(max(np.abs(stone.w[-1] - w[0]).max(), np.abs(stone.r[-1] - r[0]).max()))
 
     def of_event(settings: dict) -> float:
         """Largest relative error of the release time and of the rates at the end of a run with a
-        release."""
+        release, with ``settings``, against `sepmc.validation.lagrange`."""
         outcomes = NominalRun(event.with_settings(settings), event.scene.run.end_time).outcomes
         return float(
             max(abs(outcomes[name] - expected[name]) / abs(expected[name]) for name in names)
