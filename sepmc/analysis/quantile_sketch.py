@@ -146,8 +146,8 @@ class ValueList(list[np.ndarray]):
 class _Grid:
     """Counts of values in bins laid out for a ``sample``, which is not counted itself: equal bins
     over the bulk of the distribution, growing bins in its tails. A value that the sample contains
-    more than 65 times is an atom, and is reported exactly. Infinite values in the sample are
-    ignored."""
+    more than 65 times is an atom: all values counted in its bin are reported as the atom's value.
+    Infinite values in the sample are ignored."""
 
     def __init__(self, sample: np.ndarray):
         x = np.sort(sample[np.isfinite(sample)])
@@ -194,7 +194,8 @@ class _Grid:
         return grid
 
     def count(self, x: np.ndarray) -> None:
-        """Count values (n,) in their bins; infinite ones are counted by sign."""
+        """Count values (n,), without NaN, in their bins (those beyond the bulk in bins of the
+        tails); infinite ones are counted by sign."""
         if not x.size:
             return
         self.n += x.size

@@ -25,8 +25,9 @@ _FORMATS = ("csv", "mat", "netcdf", "hdf5", "xlsx")
 @overwrite_option("the file in --out")
 def export(folder: Path, kind: str, histories: bool, out: Path | None, overwrite: bool) -> None:
     """Write the case table of RUN, or the history of the single case in RUN: every column with its
-    unit and meaning, the status as text. MATLAB (struct cases or history), netCDF and CSV need
-    nothing else; HDF5 and Excel need the extra export.
+    unit and meaning, the status as text. Without --out the file is in the current folder. MATLAB
+    (struct cases or history), netCDF and CSV need nothing else; HDF5 and Excel need the extra
+    export.
 
     \b
     Examples:

@@ -85,11 +85,12 @@ def size(
     """Find the design with the smallest cost that passes all requirements of FILE, and judge it by
     a run with another seed than that of the search.
 
-    The design, the search and the verdict are recorded in a JSON file of the same name as the table
-    of the search.
+    With one cost, the design, the search and the verdict are recorded in a JSON file of the same
+    name as the table of the search.
 
     Several costs give a few designs of which none is better than another one in every cost (a
-    front), each judged in this way; a table and a figure of them are written beside --out.
+    front), each judged in this way; a table and a figure of them are written beside --out. --run
+    then is an error.
 
     An option replaces the key of [size] in FILE. KEY is a TOML path with its unit; * stands for any
     name. With --check the exit code is 1 unless every verdict is pass.

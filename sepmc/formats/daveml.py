@@ -164,7 +164,8 @@ def _chosen(
 
 def _named(columns: Any, variables: dict[str, Element]) -> dict[str, tuple[str, float]]:
     """Convert the option ``columns`` to a dict: by key (a coefficient or axis, with its unit), the
-    pair (varID, scale) of the variable that it names; empty if the option is None. Raises
+    pair (varID, scale) of the variable that it names (by varID or name); values are multiplied by
+    ``scale``, 1.0 if the option has none. Empty if the option is None. Raises
     FormatError if it is not valid or there is no such variable."""
     if columns is not None and not isinstance(columns, dict):
         raise FormatError("columns: must be a table of variables by coefficient or axis")

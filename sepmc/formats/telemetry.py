@@ -209,8 +209,9 @@ def _kind(column: str) -> str:
 
 
 def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
-    """Copy of a mapping whose ``channel`` is the full title in the file, and whose ``unit``, if it
-    is empty, is the one that followed the name in brackets. Raises FormatError if no channel or
+    """Copy of a mapping with the full title in the file as ``channel``. If no title has the name
+    ``channel`` as it is, a unit in brackets at its end (``gyro_z[rad/s]``) is split off, and
+    becomes ``unit`` if that is empty. Raises FormatError if no channel or
     several have the name."""
     name, unit = mapped.channel, ""
     titles = _titles(name, channels)

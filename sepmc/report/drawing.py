@@ -58,7 +58,8 @@ _COST_LABEL, _COST_MARK, _COST_LINE, _COST_DISTANCE = 20.0, 4.0, 1.0, 1.0
 
 class _Labels:
     """Labels of points in a view, collected first and placed by `write`. Points of one colour
-    closer than about ``merge_distance`` (m) share a label, with the number of further ones."""
+    closer than about ``merge_distance`` (m), those in one cell of a grid of that size, share a
+    label as `add` collects them: the name of the first one, with the number of further ones."""
 
     def __init__(self, ax: Axes, merge_distance: float):
         self.ax, self.merge_distance = ax, merge_distance

@@ -174,8 +174,10 @@ def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:
 
 
 def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
-    """Name and value of the item ``part`` of ``node``, a table of tables, an array or a vector;
-    ``field`` is the field that has it. Raises `UnknownPath` if there is no such item."""
+    """Name and value of the item ``part`` of ``node``, a table of tables, an array or a vector.
+    ``part``, which is the name returned, is a key of the table, a name of `item_names` in the
+    array (an index from 0 for a table without a name), or a component of the vector. ``field`` is
+    the field that has ``node``. Raises `UnknownPath` if there is no such item."""
     if isinstance(node, dict):
         if part not in node:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, node))

@@ -45,7 +45,7 @@ class Scenario:
 def read_scenarios(tree: Any, problems: Problems) -> tuple[Scenario, ...]:
     """Convert the array ``[[scenario]]`` of a file, ``tree``, to scenarios in its order. Adds
     problems; entries without a valid name or without values are left out, those with other problems
-    are not."""
+    are not. A ``tree`` that is no list is a problem, None too, and gives no scenario."""
     if not isinstance(tree, list):
         problems.add("scenario", "must be an array of tables: [[scenario]]", tree)
         return ()

@@ -117,8 +117,9 @@ def take_driven(tree: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _without_names(value: Any, components: tuple[str, ...]) -> tuple[Any, list[tuple[str, str]]]:
     """Copy of a key's value with 0 in place of each name of a signal, and a pair (component, name)
-    for each name. ``components`` are the names of the components of a vector; for a number they are
-    empty, and so is the component of a pair."""
+    for each name. ``components`` are the names of the components of a vector, which is a list or a
+    table by component; for a number they are empty, and so is the component of a pair. A value of
+    another form is returned as it is, with no pairs."""
     if isinstance(value, str):
         return (0.0, [("", value)]) if not components else (value, [])
     if components and isinstance(value, list) and len(value) == len(components):

@@ -92,7 +92,8 @@ def multiply_int(f: Any, a: Number, b: Number) -> Number:
 
 def arithmetic(f: Any, op: ast.operator, left: Number, right: Number) -> Number:
     """Add to ``f`` the code of a binary operation of Python on two numbers, given by its node of
-    the syntax tree (``ast.Add()``); return the result. Raises TypeError for an operation or types
+    the syntax tree (``ast.Add()``); return the result. Of two constants, the result is a constant
+    and no code is added, unless it divides by zero. Raises TypeError for an operation or types
     that cannot be translated."""
     special = _SPECIAL.get(type(op))
     if special is not None:

@@ -153,8 +153,12 @@ def check_folder(
     Parameters
     ----------
     folder : Path
-    overwrite, resume, resumable : bool
-        As for `opened`.
+    overwrite : bool
+        True: accept a folder with a run, which will be removed.
+    resume : bool
+        True: accept a folder with a run, which will be continued.
+    resumable : bool
+        If False, the message of the error does not advise to resume; nothing else changes.
 
     Raises
     ------

@@ -162,7 +162,8 @@ def _check_size(rows: int, columns: int) -> None:
 
 
 def _table_fault(table: pa.Table, names: list[str]) -> str:
-    """Fault in the size or the column ``names`` of a table, as text; empty if there is none."""
+    """First fault of a table, as text: it is too large, has no rows, or one of its column ``names``
+    is no valid text or occurs twice (only the empty name may). Empty text if there is none."""
     try:
         _check_size(table.num_rows, table.num_columns)
     except _TooLarge as error:

@@ -135,8 +135,9 @@ def _begin(out: Text, c: Context) -> None:
 
 def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
     """Write the kernel function ``enter_SEGMENT(w)``, which begins segment ``number``: it sets end
-    times and flags and makes changes of joints that are due; in the first segment it also rejects
-    cases whose start violates the joints and loads the first cells of tables with kinks."""
+    times and flags and makes changes of joints that are due. In the first segment (``number`` 0)
+    it also calls ``correct_SEGMENT`` (`emit_correct`), rejects cases whose start violates the
+    joints, and loads the first cells of tables with kinks."""
     text = out.function(
         f"enter_{segment.name}(w)", "Begin a phase: check the start, set end times and flags."
     )

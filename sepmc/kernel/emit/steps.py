@@ -309,8 +309,8 @@ def _emit_stages(
     error_weights: np.ndarray | None = None,
 ) -> None:
     """Append lines that compute, from the derivative K1, the further stages of a step by the method
-    ``rk``, the state Y and the time T at its end and, with ``error_weights``, its embedded error
-    (field EMBEDDED_ERROR).
+    ``rk``, the state Y and the time T at its end and, with ``error_weights``, its embedded error in
+    every component of the state (field EMBEDDED_ERROR).
 
     ``later``, shape (n, stages), has rows of weights by which derivatives of the stages are used
     after the step; of the derivatives that the step itself needs no more, only those with a nonzero

@@ -19,8 +19,9 @@ def lines(layout: ParameterLayout) -> list[str]:
     Returns
     -------
     list of str
-        one line for each group of contents (bodies, joints, ...), each phase, release, event and
-        triggered ignition, two lines for each signal; a line begins with its subject, as in
+        one line for each group of contents (bodies, joints and motors even if there are none;
+        springs, loads, ... only if there are any), each phase, release, event and triggered
+        ignition, two lines for each signal; a line begins with its subject, as in
         ``motors       2: retro (pushes upper forward), ...``
     """
     scene, m = layout.scene, layout.model.scene[0]

@@ -72,8 +72,8 @@ def _is_whole(node: Any) -> bool:
 
 class _Folding:
     """Visitor that, in place, replaces names of integer constants (``numbers``, by name) by their
-    values and evaluates sums and products of integers. It takes half the time of an
-    `ast.NodeTransformer`."""
+    values and evaluates sums and products of two integers, nested ones too; ``x + 1 + 2``, which is
+    ``(x + 1) + 2``, stays. It takes half the time of an `ast.NodeTransformer`."""
 
     def __init__(self, numbers: dict[str, int]):
         self.numbers = numbers
