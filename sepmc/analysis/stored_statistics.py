@@ -28,7 +28,8 @@ class StoredStatistics:
         return self.table
 
     def histogram(self, name: str) -> Histogram | None:
-        """Return the histogram of an outcome, or None if it has no value or an infinite one."""
+        """Return the histogram of an outcome, or None if it has no value or an infinite one. Raises
+        KeyError for a name that is not in ``table``."""
         row = np.asarray(self.table.loc[[name], ["n", "mean", "sigma", "min", "max"]], dtype=float)
         n, mean, sigma, low, high = row[0].tolist()
         if not n or not np.isfinite(mean):

@@ -109,8 +109,8 @@ def _stored_histories(
     s, and the values (n, c, t) of the c columns ``names``.
 
     ``ok`` are the case numbers with status ok. Of a run folder only the first `_STORED` stored
-    cases are read. None if the run stored no histories, not all of these columns, or rows that form
-    no common time grid.
+    cases are read. None if the run stored no histories, not all of these columns, fewer than two
+    rows of a case, or different numbers of rows (then there is no common time grid).
     """
     if not {c.name for c in result.campaign.stored_history_columns()} >= set(names):
         return None

@@ -139,8 +139,9 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
 def _content(
     campaign: Campaign, run: RunStatistics, drivers: InputSensitivity, folder: Path
 ) -> page.ReportContent:
-    """Return the content of the report of a run without the case points, the replays and the
-    comparison with a flight, which the caller adds."""
+    """Return the content of the report of a run in ``folder`` without the case points, the replays
+    and the comparison with a flight, which the caller adds. It has no figures: `page.write_report`
+    takes these beside it."""
     manifest, counts = run.manifest, run.summary.counts
     units = {column.name: column.unit for column in campaign.outcome_columns}
     source = campaign.file.reference.source if campaign.file.reference else "reference"

@@ -47,7 +47,8 @@ def read_initial(path: Path, options: dict[str, Any]) -> tuple[dict[str, Any], l
     path : Path
         File of an OEM.
     options : dict
-        ``epoch``: epoch of the start of the flight, needed if the file has several rows.
+        ``epoch``: epoch of the start of the flight, needed if the file has several rows; between
+        two rows, the cubic through their positions and velocities gives the state.
         ``attitude``: table with ``file``, the path of an AEM, and ``axes``, the directions of its
         body axes, such as "forward-right-down"; without it alpha is 0. ``azimuth_deg``: compass
         direction of ground x; by default that of the velocity relative to the Earth.

@@ -157,7 +157,7 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
     geopotential to geometric heights.
 
     ``from_deg`` needs ``azimuth_deg``, the compass direction of ground x, which is removed from the
-    table.
+    table; without ``from_deg``, or beside ``direction_deg``, either is a problem.
 
     Parameters
     ----------

@@ -87,7 +87,8 @@ def _motors_that_may_light(scene: Scene) -> set[str]:
 
 def _triggers_that_may_occur(scene: Scene, motors: set[str]) -> set[tuple[str, str]]:
     """Events and releases that can occur, and joints that can become free, if only ``motors`` can
-    ignite: pairs such as ("event", name)."""
+    ignite: pairs such as ("event", name), ("release", name), ("joint", name). Motors that these
+    would ignite in turn are not followed; `_motors_that_may_light` repeats the call for that."""
     triggers = {("event", one.name) for one in scene.event if _may_be_met(one.when, motors)}
     releases = [one for one in scene.release if _may_be_met(one.when, motors)]
     triggers |= {("release", one.name) for one in releases}

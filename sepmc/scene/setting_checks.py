@@ -89,7 +89,7 @@ def split_units(keys: Sequence[str]) -> tuple[tuple[str, ...], str]:
 def check_settings(settings: dict[str, Any], problems: Problems) -> None:
     """Add a problem for each setting whose path is not text, or which would undo an earlier one:
     the same number in another unit, or a whole table after a key in it. A key after its table is
-    valid."""
+    valid. Paths with wildcards are compared as they are written, not by what they match."""
     earlier: dict[tuple[str, ...], str] = {}
     for key, value in settings.items():
         if not isinstance(key, str):

@@ -39,7 +39,8 @@ class RowComparison:
 
     @property
     def sentence(self) -> str:
-        """Result of the comparison in words, for the user."""
+        """Result of the comparison in words, for the user: the row was not run again, is the same
+        bit by bit, or differs in columns, of which up to three are named without their values."""
         if not self.was_run:
             return "its row was not run again: the campaign's kernel is not compiled here"
         if not self.columns:

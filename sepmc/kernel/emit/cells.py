@@ -77,7 +77,8 @@ def emit_cells(out: Text, c: Context, segment: Segment) -> None:
     and air included. ``cell_second_rates_SEGMENT(w)`` stores second rates (`_emit_second_rates`).
     ``enter_cells_SEGMENT(w, ahead)`` loads a cell for each point that is flagged to have left its
     own, and rejects cases in which there is none: with ``ahead`` = 1.0 the one into which the point
-    moves, with 0.0 the one that contains it (the point then stays flagged).
+    moves, with 0.0 the one that contains it (the point then stays flagged). Without tables with
+    kinks only ``table_rates_SEGMENT`` is written, and that only if such springs have a table.
     """
     tables = _kinked_tables(c)
     known = [(table.cell, table.point, 3) for table in tables]

@@ -366,7 +366,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 def _load(s: State, i: int, acting: _Loads) -> None:
     """Add force and moment of a constant load, number ``i`` of the scene from 0, to the load terms
-    ``acting`` of its body."""
+    ``acting`` of its body, both in body axes, those of ground axes turned into these."""
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     force: Any = three_numbers(s, f"load.{load.name}.force", p + at.LOAD_FORCE)
     moment: Any = three_numbers(s, f"load.{load.name}.moment", p + at.LOAD_MOMENT)

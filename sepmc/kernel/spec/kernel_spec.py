@@ -72,7 +72,8 @@ class Event:
     @property
     def name(self) -> str:
         """Name of the event in names of workspace fields, unique within its segment: the item, with
-        the condition number, or with the end of the layer or cell that is left."""
+        the condition number if it has one, or with the end ("top", "base") of the layer or cell
+        that is left, of a cell after the number of its axis."""
         if self.is_cell_end:
             end = "top" if self.quantity == at.AT_CELL_TOP else "base"
             return f"{self.item}_{self.threshold}_{end}"
