@@ -129,7 +129,9 @@ def flops_in_llvm(code: str, name: str) -> float | None:
 
 
 def _flops_per_lane(body: str) -> float:
-    """Return the flops per lane (case) of one call, from the LLVM code of a function."""
+    """Return the flops per lane (case) of one call of a function, whose LLVM code is ``body``.
+    Additions, subtractions, multiplications, divisions and square roots count; other calls count
+    nothing. In code with a loop each instruction counts once, else by its vector width."""
     widths = [int(width or 1) for width in _ARITHMETIC.findall(body)]
     # an iteration handles its own lanes, all iterations all of them
     is_loop = " phi " in body

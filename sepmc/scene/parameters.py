@@ -211,8 +211,9 @@ def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
 
 
 def _not_a_number(node: Any, field: Field | None) -> str:
-    """Reason, for a message, why the value ``node`` at the end of a path is not a number; ``field``
-    is the field that has it (None: unknown)."""
+    """Reason, for a message, why the value ``node`` at the end of a path is not a number; of a
+    vector or an array it names the components or items, of any other value (table, text, None)
+    nothing. ``field`` is the field that has it (None: unknown)."""
     if isinstance(node, tuple) and (names := _names(node, field)):
         if isinstance(node[0], float | int):
             return "is a vector; name one component: ." + ", .".join(names)

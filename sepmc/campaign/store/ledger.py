@@ -163,7 +163,8 @@ def _content(folder: Path) -> bytes:
 
 
 def _lines(path: Path) -> list[bytes]:
-    """Lines of a ledger file. Raises StoreError if it is unreadable or too large."""
+    """Lines of a ledger file, without line ends. Raises StoreError if it is missing, unreadable or
+    too large."""
     content = untrusted.read_bounded(path, LEDGER_BYTES)
     if (count := content.count(b"\n") + content.count(b"\r")) > LEDGER_LINES:
         text = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"

@@ -136,7 +136,8 @@ def without_joints(
 
 def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     """Change of the motion per newton of a force that pushes the two bodies of a joint apart along
-    its x axis.
+    its x axis: on the second body in the direction that makes the separation distance larger
+    (`separation_sign`), on the first one the opposite.
 
     Parameters
     ----------

@@ -179,7 +179,8 @@ class Signals:
 
     def _own(self, signal: str, node: Name) -> Jet:
         """Jet (value and time derivatives) of a name that stands for a state, the sample in use, or
-        a response parameter of ``signal`` itself."""
+        a response parameter of ``signal`` itself. Samples and parameters have zero derivatives;
+        a state has a second derivative only if its rate is the next state."""
         if node == HELD:
             return Jet(self.s.scope.load(held_field(signal)))
         if node in (STATE, STATE_RATE):

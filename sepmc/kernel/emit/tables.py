@@ -380,7 +380,9 @@ def force_table_start(c: Context, number: int) -> int:
 
 
 def mach_and_angles(s: State, body: str) -> tuple[Expr, Expr, Expr]:
-    """Expressions of the Mach number, alpha and beta, rad, of the flow at a body at a state."""
+    """Expressions of the Mach number, alpha and beta, rad, of the flow at a body at a state. A
+    speed of sound from a table, and a wind from a profile, must have been looked up at the state
+    before."""
     flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
     )
