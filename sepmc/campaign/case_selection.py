@@ -153,8 +153,8 @@ def read(value: Any, name: str = "cases") -> int | CaseSelection:
     Parameters
     ----------
     value : int, str, iterable of int or CaseSelection
-        A number of cases, ``1000`` or ``"1e6"``; or case numbers, ``"25:50,73"`` (25 to 49, and 73)
-        or ``[3, 17]``.
+        A number of cases, ``1000``, ``"73"`` or ``"1e6"``; or case numbers, ``"25:50,73"`` (25 to
+        49, and 73), ``"73:74"`` (only 73) or ``[3, 17]``.
     name : str
         Name of the argument in error messages.
 

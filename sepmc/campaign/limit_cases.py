@@ -210,7 +210,8 @@ class _LimitSearch:
 
     def run(self, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return status (n,) and results (n, o), outcomes and audit columns in their units, of the
-        cases with levels (n, d). Only cases that were not simulated before are simulated."""
+        cases with levels (n, d), -1 to 8 as in `_LimitSearch`. Only cases that were not simulated
+        before are simulated."""
         keys = [row.tobytes() for row in levels]
         new = {key: row for key, row in zip(keys, levels, strict=True) if key not in self.results}
         if new:

@@ -64,7 +64,8 @@ def split_header(title: str, kind: str) -> tuple[str, str]:
     -------
     name, unit : str
         The unit as a suffix of keys, such as ``deg_s``; as written if it is no unit of this kind;
-        empty if the title has none.
+        empty if the title has none. After ``_`` only a unit of this kind is split off: all of
+        ``thrust_x`` is a name.
     """
     units = {**UNITS.get(kind, {}), **({"degC": 1.0} if kind == "temperature" else {})}
     for pattern in (_IN_BRACKETS, _AFTER_COMMA):

@@ -364,7 +364,8 @@ def _of_table(
 ) -> dict[str, _Raw]:
     """Channels from columns of equal length, one of which is the time, by title with ``stem`` in
     front; the time itself is no channel. ``time`` is as for `_time_title`, ``lines`` are the line
-    numbers of the rows. Raises FormatError without a valid time."""
+    numbers of the rows. Raises FormatError without one column of time, if its unit is none of time,
+    or if it has no finite number; whether times rise is not checked here."""
     title = _time_title(columns, time)
     unit = split_header(title, "time")[1]
     factor = UNITS["time"].get(unit or "s")

@@ -139,7 +139,7 @@ def _far_points(scene: Scene) -> Iterator[str]:
 
 def _off_axis(scene: Scene) -> Iterator[str]:
     """Yield a sentence on each centre of mass that is farther from the layout axis than twice the
-    length of the vehicle."""
+    length of the vehicle: the range of the stations of all `_points`, at least 1 mm."""
     stations = [point[0] for point in _points(scene).values()]
     length = max(max(stations) - min(stations), 1e-3)
     for name, body in scene.body.items():

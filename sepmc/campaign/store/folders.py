@@ -267,8 +267,9 @@ def _matches(name: str, patterns: Iterable[str]) -> bool:
 
 
 def _remove_temporary(folder: Path, kinds: Sequence[str] = (".",)) -> None:
-    """Remove the temporary files of killed processes from some subfolders, ``kinds`` (names), of a
-    local folder; by default from the folder itself."""
+    """Remove all temporary files of runs, as killed processes leave behind, from some subfolders,
+    ``kinds`` (names), of a local folder; by default from the folder itself. No process may write
+    there meanwhile: files of a running one are removed too."""
     for kind in kinds if is_local(folder) else ():
         for path in (folder / kind).glob("*.????????.tmp"):
             if _is_temporary(path):
