@@ -251,7 +251,8 @@ def few_cases_warning(grouped: np.ndarray, y: np.ndarray) -> str:
 
 
 def _standard(y: np.ndarray) -> np.ndarray:
-    """Return an outcome (n,), minus its mean and divided by its sigma."""
+    """Return an outcome (n,), minus its mean and divided by its sigma (of n - 1 degrees of
+    freedom). The outcome must not be constant: it would become NaN."""
     y = y - y.mean()
     return np.asarray(y / np.sqrt(y @ y / (len(y) - 1)))
 

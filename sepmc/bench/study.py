@@ -68,7 +68,8 @@ class Study:
 
     @cached_property
     def seconds(self) -> float:
-        """Approximate time of a case with the selected steps, s; measured once."""
+        """Approximate time of a case with the selected steps, s: wall time of many cases on the
+        threads in use, divided by their number. It is measured once, after a run to warm up."""
         subset = self.inputs[: self.part(self.formulation)][:_MAX_TIMED]
         self.default.fly(subset)  # warm-up
         start = time.perf_counter()

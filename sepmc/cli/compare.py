@@ -208,7 +208,8 @@ def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, .
 
 def _distributions(campaign: "Campaign") -> dict[str, tuple[Any, ...]]:
     """Return a tuple with the distribution and the correlations of each dispersed input, by column;
-    an input has the same distribution in two campaigns if its tuples there are equal."""
+    an input has the same distribution in two campaigns if its tuples there are equal. Correlations
+    are in the order of the file, so another order counts as a difference."""
     dispersions = campaign.file.dispersions
     distributions: dict[str, tuple[Any, ...]] = {
         d.parameter.column: (d.distribution, d.numbers, d.weights) for d in dispersions

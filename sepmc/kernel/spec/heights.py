@@ -96,7 +96,8 @@ def _gained(scenes: Sequence[Scene]) -> float:
 
 
 def _wind(scene: Scene) -> float:
-    """Bound on the wind speed of a scene, m/s: steady wind plus the fastest row of the profile."""
+    """Bound on the wind speed of a scene, m/s: magnitude of the steady wind plus, with a profile,
+    that of its fastest row times its ``factor``."""
     wind = scene.environment.wind
     if wind.profile is None:
         return abs(wind.speed)

@@ -258,8 +258,8 @@ def _kinds_of(scene: Scene, joint: str) -> list[tuple[int, ...]]:
 
 
 def _kind_number(scene: Scene, joint: str, kind: str) -> int:
-    """Number of a kind of a joint (index in `_kinds_of`); ``kind`` is its name, such as
-    "slider"."""
+    """Number of a kind of a joint (index in `_kinds_of`: a higher one has no more rows), given its
+    name, such as "slider". Raises ValueError if the joint never has that kind."""
     return _kinds_of(scene, joint).index(tuple(rows_of(scene.joint[joint], kind)))
 
 

@@ -268,7 +268,8 @@ class Scope:
 
     def store(self, path: str, value: Any) -> None:
         """Store a value (expression, known number or tuple) at a workspace path; of several values
-        stored there, the loop writes only the last."""
+        stored there, the loop writes only the last. A later `load` of the same path returns that
+        value, not what the workspace had before the loop."""
         if not isinstance(value, Expr):
             value = self.add(
                 "tuple" if isinstance(value, tuple) else "constant",
