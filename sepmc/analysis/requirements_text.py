@@ -202,5 +202,5 @@ def format_proportion(value: float, rounding: Callable[[float], int] = round) ->
 
 def _number(value: float) -> str:
     """Format a number with at least four significant digits, as ``0.01235``, ``12.35`` or
-    ``123456``; "-" for NaN."""
+    ``123456``; very large and very small ones with an exponent (`rounded`); "-" for NaN."""
     return rounded(value, abs(value), 4)

@@ -49,7 +49,8 @@ KINDS: dict[str, tuple[int, ...]] = {
 
 def rows_of(joint: Joint, kind: str) -> tuple[int, ...]:
     """Codes of the constraint rows of a kind, which is one that the joint defines or one of
-    `KINDS`. Raises KeyError if it is neither."""
+    `KINDS`: translations first, then rotations; none for "free". Raises KeyError if it is
+    neither."""
     custom = joint.kind.get(kind)
     if custom is None:
         return KINDS[kind]

@@ -127,9 +127,10 @@ def _beyond_neighbours(
     key: str, points: Array, along: Callable[[Array], Array]
 ) -> tuple[float, str]:
     """Largest amount by which a spline between two neighbouring rows of a table is above both or
-    below both, and a clause that says where.
+    below both, and a clause that says where; 0 with a clause of no meaning if it nowhere is.
 
-    ``along`` is the spline along the axis named ``key``, whose rows are at ``points`` (n,).
+    ``along`` is the spline along the axis named ``key``, whose rows are at ``points`` (n,), in
+    radians for an angle. Its values may have further axes; the amount is in their unit.
     """
     angle = key in ("alpha", "beta", "pitch", "yaw", "roll")
     between = np.linspace(points[:-1], points[1:], _BETWEEN, axis=1)  # (intervals, points)

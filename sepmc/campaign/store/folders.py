@@ -191,7 +191,8 @@ def check_folder(
 
 
 def ledger_is_intact(folder: Path) -> bool:
-    """Return True if the folder has a ledger and every line of it is intact."""
+    """Return True if the folder has a ledger and every line of it is intact; also if it has one
+    that cannot be read or is too large."""
     return has_ledger(folder) and not ledger.count_damaged_lines(folder)
 
 
