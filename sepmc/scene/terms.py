@@ -16,7 +16,7 @@ def signal_of(term: str) -> str:
 
 def signal_terms(scene: Scene) -> dict[str, str]:
     """Names of the signals that terms of aerodynamic polynomials are proportional to, by the path
-    of the term's coefficient, which ends in that name: ``body.upper.aerodynamics.C_A.throttle``.
+    of the term's coefficient, which ends in that name: ``body.upper.aerodynamics.axial.throttle``.
     The constant term and terms of angles and rates are left out."""
     return {
         f"body.{name}.aerodynamics.{coefficient}.{term}": term

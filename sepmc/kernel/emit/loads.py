@@ -1,5 +1,5 @@
-"""Loads on every body at a state, as expressions: forces in ground axes, moments about the mass
-centre in body axes."""
+"""Loads on every body at a state, as expressions: the sum of the forces in ground axes, that of the
+moments about the mass centre in body axes."""
 
 import math
 from dataclasses import dataclass, field
@@ -209,8 +209,8 @@ def emit_layers(out: Text, c: Context) -> None:
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:
-    """Add the aerodynamic force (ground axes) and moment about the mass centre (body axes) on a
-    body, which must feel air (`feels_air`), to its load terms ``acting``."""
+    """Add the aerodynamic force and moment on a body, both in body axes, to its load terms
+    ``acting``."""
     case, p = s.case, s.case.body(body)
     flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
@@ -302,10 +302,10 @@ def _power(x: Expr, n: int) -> Expr:
 
 
 def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
-    """Add the force and moment of a motor, number ``i`` of the scene from 0, to the load terms
-    ``acting`` of its body: the thrust with its build-up and, if loads switch on or off within a
-    case (`KernelSpec.load_switches`), its ignition, profile, end of the burn and tail-off; if none
-    does, the motor burns from the start to the end of the case."""
+    """Add the force and moment of a motor, number ``i`` of the scene from 0, both in body axes, to
+    the load terms ``acting`` of its body: the thrust with its build-up and, if loads switch on or
+    off within a case (`KernelSpec.load_switches`), its ignition, profile, end of the burn and
+    tail-off; if none does, the motor burns from the start to the end of the case."""
     case, scope, name, path = s.case, s.scope, motor.name, f"motor.{motor.name}"
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
     line = loads.thrust_direction(
@@ -450,7 +450,8 @@ def _add_pair(
     s: State, bodies: tuple[str, str], line: Line, force: Expr, loads_of: dict[str, _Loads]
 ) -> None:
     """Add a force between two bodies along a line, N, positive when it pushes the second body along
-    the direction ``e`` of the line, to the load terms of both bodies; the ground has none."""
+    the direction ``e`` of the line, to the load terms of both bodies: forces in ground axes,
+    moments in body axes; the ground has none."""
     for body, signed_force, arm in zip(
         bodies, (-force, force), (line.arm_a, line.arm_b), strict=True
     ):
