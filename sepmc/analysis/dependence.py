@@ -37,8 +37,8 @@ def dependence(x: np.ndarray) -> tuple[list[tuple[int, int]], bool]:
 
 @lru_cache(maxsize=2)  # all outcomes of a run have the same inputs
 def _dependence(data: bytes, count: int) -> tuple[tuple[tuple[int, int], ...], bool]:
-    """Return the result of `dependence`, cached; ``data`` is its array ``x`` as bytes, and
-    ``count`` the number of inputs d."""
+    """Return the result of `dependence`, cached; ``data`` are the bytes of its array ``x`` (d, n),
+    in C order, and ``count`` is the number of inputs d."""
     from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
 
     x = np.frombuffer(data).reshape(count, -1)

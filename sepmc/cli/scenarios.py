@@ -48,10 +48,10 @@ def scenarios(
     folder works with every command that takes one.
 
     --limits adds limit cases of FILE itself, with outcomes and margins: one input at its low or
-    high end and the others nominal, and the worst combinations of ends found. --check (exit code 1
-    unless every verdict is pass) does not judge them, and needs a [[scenario]] beside them.
-    limits.csv in the folder is a table for --samples. If FILE has no [[scenario]], --limits runs
-    the limit cases only.
+    high end and the others nominal, and the worst combinations of ends found. limits.csv in the
+    folder is a table for --samples. If FILE has no [[scenario]], --limits runs the limit cases
+    only. --check (exit code 1 unless every verdict is pass) does not judge limit cases: together
+    with --limits it needs a [[scenario]].
 
     \b
     Example:

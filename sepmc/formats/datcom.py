@@ -53,8 +53,9 @@ def read_datcom(
     options : dict
         See `parse_datcom`.
     aero : dict
-        Table [body.NAME.aerodynamics] of the campaign, in whose conventions the result is; its
-        reference quantities must be those of the file.
+        Table [body.NAME.aerodynamics] of the campaign, in whose conventions the result is; it is
+        not changed. Its reference area and length must be those of the file within 2 %; one that
+        either of them does not give is not compared.
 
     Returns
     -------

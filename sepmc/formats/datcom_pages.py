@@ -155,7 +155,8 @@ def choose_output(case: Case, configuration: object) -> Output:
     configuration : str or None
         Part of the configuration or of the conditions of the tables to read, such as "WING ALONE"
         or "ALTITUDE 2000"; None for all. Of several configurations that are left, the last one with
-        CN and CA is read.
+        CN and CA is read. If it has no tables of derivatives by rates, those of the last
+        configuration with such tables are added: Missile DATCOM names it otherwise there.
 
     Returns
     -------

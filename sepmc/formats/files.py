@@ -49,7 +49,8 @@ def file_places(tree: dict[str, Any]) -> Tables:
     kind : {"thrust", "deck", "wind", "air", "initial", "mass"}
         What the file contains.
     owner : dict
-        Table that contains ``table``: that of the motor, the aerodynamics, the body, ...
+        Table that contains ``table``: that of the motor (thrust), the aerodynamics (deck), the body
+        (mass), ``[environment.wind]``, ``[environment]`` (air) or ``[initial]``.
     """
     motors = tree.get("motor")
     for number, motor in enumerate(motors if isinstance(motors, list) else ()):

@@ -279,9 +279,10 @@ def _numbers(
 ) -> dict[str, np.ndarray]:
     """Convert the cells of ``rows`` (line number, cells) to columns (n,) by the names of
     ``header``; columns with a blank name are left out. With ``gaps``, as in `read_table`, blank
-    cells and text become NaN. Raises FormatError for a wrong number of cells, for a decimal comma
-    and, without ``gaps``, for any cell that is not a finite number. ``separator`` is only named in
-    messages."""
+    cells and text become NaN. Raises FormatError for a name that occurs twice (with ``gaps`` it
+    gets a number instead), a wrong number of cells (blank ones beyond the header do not count), a
+    decimal comma and, without ``gaps``, any cell that is not a finite number. ``separator`` is only
+    named in messages."""
     header = [name.translate(_INVISIBLE) for name in header]
     while header and not header[-1] and all(len(row) < len(header) or not row[len(header) - 1]
                                             for _, row in rows):  # fmt: skip

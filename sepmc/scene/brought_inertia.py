@@ -105,8 +105,9 @@ def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
 
 def _moments(body: dict[str, Any]) -> tuple[np.ndarray, str] | None:
     """Inertia tensor (3, 3) from the moments and products in the table of a body, and its unit,
-    that of the moments. Removes their keys from the table. None, and nothing is removed, if there
-    are no moments or either are not three numbers."""
+    that of the moments. Products that the table does not give are 0. Removes the keys of both from
+    the table. None, and nothing is removed, if there are no moments, or the moments or the products
+    are not three numbers in a known unit."""
     keys = {split_unit(key)[0]: key for key in body if split_unit(key)[0] in _MOMENTS}
     if "inertia" not in keys:
         return None

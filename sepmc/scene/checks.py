@@ -131,7 +131,7 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
     """Add problems of a joint: unknown or equal bodies, axes that are zero or parallel,
     user-defined kinds named like those of `KINDS`, ``fails`` other than 0 and 1, a guide of several
-    pins on a circle of radius 0, and a guide without effect."""
+    pins on a circle of radius 0, and a guide whose pins never slide (`_check_guide`)."""
     key_path = f"joint.{name}"
     check_pair(f"{key_path}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)

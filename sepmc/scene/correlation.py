@@ -107,7 +107,8 @@ def _index(key: str, scene: Scene, index_of: dict[str, int], where: str, problem
 def _matrix(item: Correlation, where: str, problems: Problems) -> list[list[float]]:
     """Correlation matrix (n, n) of the n parameters of a ``[[correlation]]``: its matrix, or one
     with its coefficient for all pairs. Adds problems, at the TOML path ``where`` of the table; the
-    result is empty if there is no matrix of this shape, and not valid if problems were added."""
+    result is empty if there is no matrix of this shape, and not valid if problems were added. That
+    it is positive semidefinite is not checked here."""
     n = len(item.parameters)
     if n < 2:
         problems.add(f"{where}.parameters", "name at least two parameters", list(item.parameters))

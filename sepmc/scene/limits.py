@@ -109,7 +109,8 @@ def check_keys(text: str) -> str:
 def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
     """Add problems of a TOML or JSON tree: too many entries, too deep nesting, integers of more
     than 64 bits, and texts with more than ``text`` characters or with control characters other
-    than tabs and line breaks."""
+    than tab and newline (a carriage return is one). Keys have at most TEXT characters, and no
+    control character at all."""
     stack: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
     while stack:
         value, key_path, key, depth = stack.pop()

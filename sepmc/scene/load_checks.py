@@ -146,8 +146,8 @@ def _check_increments(key_path: str, entry: Proximity, problems: Problems) -> No
 
 
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
-    """Add problems of a spring: unknown or equal bodies, a force table that does not rise or does
-    not extend beyond 0, an axis of zero length, or equal points without an axis."""
+    """Add problems of a spring: unknown or equal bodies, a force table whose extensions do not rise
+    or do not end beyond 0, an axis of zero length, or equal points without an axis."""
     key_path = f"spring.{spring.name}"
     check_pair(f"{key_path}.bodies", spring.bodies, scene, problems)
     if spring.table is not None:

@@ -370,8 +370,9 @@ def _check_input_table(
     table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
 ) -> None:
     """Add a problem for each column of the samples that is not used, if its name begins with
-    ``in_`` or differs from that of a used one (or ``case``) by capitals, punctuation or ``in_``
-    only; and one if no column gives a dispersed parameter."""
+    ``in_`` or differs from that of a dispersed parameter (or ``case``) by capitals, punctuation or
+    ``in_`` only. If ``problems`` is still empty then, add one if no column gives a dispersed
+    parameter."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
     spellings = {_letters(name): name for name in (CASE, *known)}

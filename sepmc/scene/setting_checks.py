@@ -58,7 +58,8 @@ def matching_keys(tree: dict[str, Any], key: str) -> list[str]:
 
 def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
     """Yield the paths below ``node``, as lists of keys, that the path ``keys`` with wildcards
-    matches; its last key is not matched but appended."""
+    matches; its last key is not matched but appended. A key without a wildcard is taken as it is,
+    even if ``node`` does not have it."""
     head, rest = keys[0], keys[1:]
     if not rest:
         yield [head]

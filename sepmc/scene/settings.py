@@ -26,8 +26,9 @@ def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Pro
 def _put(
     node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
 ) -> None:
-    """Put a value into a tree at a TOML path, in place. The same key in another unit is removed; if
-    the path names one component of it, the other components are converted to the new unit.
+    """Put a value into a tree at a TOML path, in place. Tables that the path needs are created. The
+    same key in another unit is removed; if the path names one component of it, the other components
+    are converted to the new unit.
 
     Parameters
     ----------

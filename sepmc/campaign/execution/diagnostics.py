@@ -379,7 +379,8 @@ def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list
 
 def _motors_toward(scene: Scene, first: str, second: str) -> str:
     """Sentence for a note on the motors that push one of two bodies (names ``first``, ``second``)
-    toward the other, with a leading space; empty if there are no such motors."""
+    toward the other, with a leading space; empty if there are no such motors, or one is the ground.
+    The nominal thrust must lie within 60 deg of the line to the other mass centre."""
     if GROUND in (first, second):
         return ""
     separation = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)

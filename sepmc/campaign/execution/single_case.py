@@ -237,8 +237,10 @@ class _SingleRun:
         return bool(motion_is_finite(self.outcomes[None, :], len(self.layout.bodies))[0])
 
     def run(self) -> SingleCase:
-        """Simulate the case, and return its result with history and errors. Raises _RejectedError
-        if the kernel rejects it, UnknownError if it takes too long and must not be compiled."""
+        """Simulate the case, and return its result with history and errors. Steps are added until
+        the accuracy is reached or, if the file gives ``solver.step_s``, have that length. Raises
+        _RejectedError if the kernel rejects it, UnknownError if it takes too long and must not be
+        compiled."""
         scene, steps = self.layout.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._converged_steps(steps)

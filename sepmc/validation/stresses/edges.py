@@ -1,5 +1,5 @@
-"""Stresses of tables of aerodynamics, air, wind and proximity, entered at their edges and
-beyond. Each function simulates its cases and returns the lines."""
+"""Stresses of tables of aerodynamics, air, wind and proximity, entered at their edges and beyond.
+Every stress is a function that simulates such cases and returns their judged lines."""
 
 import math
 

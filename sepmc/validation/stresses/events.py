@@ -1,5 +1,5 @@
 """Stresses of events: releases at the peak of a load, at angle limits, at one instant, and under
-load. Each function simulates its cases and returns the lines."""
+load. Every stress is a function that simulates such cases and returns their judged lines."""
 
 import math
 from typing import Any

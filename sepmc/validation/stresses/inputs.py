@@ -1,5 +1,6 @@
 """Stresses of inputs that no dispersion should sample (not finite, not physical, absurdly large),
-and of scenes that must be refused. Each function simulates its cases and returns the lines."""
+and of scenes that must be refused. Every stress is a function that simulates such cases and returns
+their judged lines."""
 
 import copy
 import math

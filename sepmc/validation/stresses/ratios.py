@@ -1,5 +1,6 @@
 """Stresses of large ratios of masses, inertias and lever arms, of coinciding points, and of nearly
-singular inertias. Each function simulates its cases and returns the lines."""
+singular inertias. Every stress is a function that simulates such cases and returns their judged
+lines."""
 
 import math
 

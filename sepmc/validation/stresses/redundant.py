@@ -1,6 +1,6 @@
 """Stresses of redundant or nearly redundant joints: double welds, a loop of welds, a closed
-four-bar, two balls or two hinges, short rods. Each function simulates its cases and returns the
-lines."""
+four-bar, two balls or two hinges, short rods. Every stress is a function that simulates such cases
+and returns their judged lines."""
 
 import math
 from typing import Any

@@ -1,5 +1,5 @@
 """Stresses of springs up to 1e9 N/m, with steps that resolve their oscillation and steps that do
-not. Each function simulates its cases and returns the lines."""
+not. Every stress is a function that simulates such cases and returns their judged lines."""
 
 import math
 

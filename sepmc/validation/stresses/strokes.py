@@ -1,5 +1,6 @@
 """Stresses of strokes that are short, grazed, passed slowly, reached exactly at the end of a step,
-or out of reach. Each function simulates its cases and returns the lines."""
+or out of reach. Every stress is a function that simulates such cases and returns their judged
+lines."""
 
 import math
 

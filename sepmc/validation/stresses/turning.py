@@ -1,5 +1,5 @@
-"""Stresses of fast rotation, of steps of every length, and of angles beyond half a turn. Each
-function simulates its cases and returns the lines."""
+"""Stresses of fast rotation, of steps of every length, and of angles beyond half a turn. Every
+stress is a function that simulates such cases and returns their judged lines."""
 
 import math
 
