@@ -59,9 +59,10 @@ def cache_folder(name: str) -> Path:
 
 
 def _create(folder: Path) -> bool:
-    """Create a folder and its parents if missing, and remove the permission of other users to write
-    the folder and its parent, where this user owns them. Returns True if this process can write the
-    folder and other users cannot."""
+    """Create a folder and its parents if missing. Of the folder and its parent, the one that this
+    user owns and others may write is set to mode 0700, so that others can no longer read it either.
+    Returns True if this process can write the folder and other users cannot; False, without an
+    exception, if the folder cannot be created."""
     try:
         folder.parent.parent.mkdir(parents=True, exist_ok=True)
         for part in (folder.parent, folder):

@@ -35,7 +35,8 @@ def never_overwriting() -> Iterator[None]:
 
 def option(name: str, value: object = "") -> str:
     """Return an option as text for a message, with its value if given: ``--keep-columns error`` on
-    the command line, else ``keep_columns=error``."""
+    the command line, else ``keep_columns=error``; ``--keep-columns`` or ``keep_columns`` without a
+    value."""
     text = str(value)
     if _commands:
         return f"--{name.replace('_', '-')}" + (f" {text}" if text else "")

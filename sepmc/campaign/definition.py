@@ -102,7 +102,8 @@ class Case:
 
 
 def _without_none(node: Any) -> Any:
-    """Return nested dicts and lists without the dict entries that are None, at any depth."""
+    """Return nested dicts and lists without the dict entries that are None, at any depth. Tuples
+    become lists."""
     if isinstance(node, dict):
         return {key: _without_none(value) for key, value in node.items() if value is not None}
     return [_without_none(item) for item in node] if isinstance(node, list | tuple) else node

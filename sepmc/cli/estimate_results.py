@@ -38,8 +38,9 @@ def count_sweeps(log: Log) -> Callable[[float, int], None]:
 
 
 def write_samples(estimation: Estimation, campaign: Campaign, path: Path) -> Path:
-    """Write the sample of the posterior to a Parquet table for ``run.samples``; return ``path``.
-    Raises StoreError if it cannot be written."""
+    """Write the sample of the posterior to a Parquet table for ``run.samples``; return ``path``. It
+    has a column for each dispersed input and a row for each draw, but no case numbers. An existing
+    file is replaced. Raises StoreError if it cannot be written."""
     about = {"campaign": campaign.name, "digest": campaign.digest, "sepmc": __version__}
     inputs = estimation.inputs
     columns = campaign.input_columns

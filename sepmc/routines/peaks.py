@@ -287,7 +287,8 @@ def _higher(largest, theta, size, node):
 @formula
 def _is_inner_summit(previous, current, following):
     """Return 1.0 if the magnitude at a node is higher than at the node before and not lower than at
-    the node after, and exceeds the lower of the two by more than round-off (`_SAME`); else 0.0."""
+    the node after, and exceeds the lower of the two by more than round-off (`_SAME`); else 0.0. The
+    arguments are the magnitudes at the three nodes."""
     rises = 1.0 if current > previous else 0.0
     rises = rises if current >= following else 0.0
     return rises if current > _SAME * _smaller(previous, following) else 0.0

@@ -310,8 +310,9 @@ class Search:
     def _increase_jointly(self, steps_chosen: np.ndarray, max_steps: np.ndarray) -> np.ndarray:
         """Raise the steps ``steps_chosen`` (segments,), up to ``max_steps``, until all cases meet
         the tolerance, and return them: each time in the segment where it reduces the error most, by
-        a sixteenth of its steps, at least one. Returns ``max_steps`` if the search has used up its
-        work (`is_exhausted`)."""
+        a sixteenth of its steps, at least one. While no such rise gives a finite error, the steps
+        of all segments are doubled. Returns ``max_steps`` if the search has used up its work
+        (`is_exhausted`)."""
         error = self.error(steps_chosen)
         while error > self.tolerance and (steps_chosen < max_steps).any():
             if self.is_exhausted:

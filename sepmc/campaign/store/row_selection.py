@@ -122,7 +122,8 @@ def parse_keep_rules(
 
 def _read(rules: str, patterns: tuple[str, ...], single: bool) -> KeepRules:
     """Read rules from text such as ``failed,worst:20``; ``patterns`` and ``single`` are taken as
-    they are. Raises InputError if a rule is unknown."""
+    they are. Of a rule with a number that is given twice, the last one counts. Raises InputError if
+    a rule is unknown or blank."""
     counts, names = {WORST: 0, EVERY: 0}, []
     for text in (rule.strip() for rule in rules.split(",")):
         match = _RULE.fullmatch(text)

@@ -50,8 +50,8 @@ def scene(
     **other_tables: Any,
 ) -> Tree:
     """Tree of a scene of bodies in empty space, at rest or with the rates ``omega``, rad/s; end
-    time and step in s. ``other_tables`` has further tables, as in a file; keys in them replace the
-    ones here."""
+    time and step in s. ``other_tables`` has further tables, as in a file; of a table that is here
+    already, only the keys that they give are replaced."""
     tree: Tree = {
         "environment": dict(SPACE),
         "body": bodies,
