@@ -59,8 +59,8 @@ def cache_folder(name: str) -> Path:
 
 
 def _create(folder: Path) -> bool:
-    """Create a folder and its parents if missing. Of the folder and its parent, the one that this
-    user owns and others may write is set to mode 0700, so that others can no longer read it either.
+    """Create a folder and its parents if missing. If this user owns the folder and others may write
+    it, its mode becomes 0700, so that they can no longer read it either; the same for its parent.
     Returns True if this process can write the folder and other users cannot; False, without an
     exception, if the folder cannot be created."""
     try:

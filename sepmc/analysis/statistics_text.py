@@ -27,7 +27,7 @@ def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
     table : DataFrame
         From `sepmc.analysis.statistics.audit`.
     width : int
-        Largest number of characters in a line.
+        Largest number of characters in a line; lines ``AUDIT FAILED`` may be longer.
 
     Returns
     -------

@@ -116,7 +116,8 @@ def _not_accepted(sizing: Sizing) -> dict[str, float] | None:
 
 def render_sizing(sizing: Sizing, minimise: str, command: str) -> str:
     """Return a sizing as text: the chosen design, its cost, the verdicts of its run with another
-    seed, and the ``command`` that repeats that run. ``minimise`` is the formula of the cost."""
+    seed, and the ``command`` that repeats that run. ``minimise`` is the formula of the cost. If the
+    verdicts do not show the requirements, a line says so."""
     lines = [f"{key} = {value:.6g}" for key, value in sizing.values.items()]
     searched = _distinct(sizing)
     accepted = int((searched["margin"] >= 0.0).sum())

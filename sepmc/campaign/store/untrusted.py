@@ -35,7 +35,8 @@ class StoreError(Exception):
 
 
 def check_entries(folder: Path) -> None:
-    """Check that a run folder and its data folders contain regular files and folders only.
+    """Check that a run folder and its data folders contain regular files and folders only. A folder
+    that is missing, or in object storage, is not checked.
 
     Raises
     ------

@@ -183,8 +183,8 @@ class State:
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
 
     def slide(self, bodies: tuple[str, str]) -> Slide | None:
-        """Motion of the second of two ``bodies`` of one rigid group relative to the first; None if
-        they are not in one group, or the group contains the ground."""
+        """Relative motion of two bodies of one rigid group, which may slide; None if they are not
+        in one group, or the group contains the ground."""
         a, b = bodies
         leader = self.segment.leader(a)
         if leader == GROUND or self.segment.leader(b) != leader:
@@ -199,8 +199,8 @@ class State:
 
     def sliding_line(self, joint: str, k: int) -> Line | None:
         """Line along axis k (0 x, 1 y, 2 z) of a joint between bodies of one rigid group without
-        the ground; its length is the distance of the joint's two points along the axis, m. None for
-        other joints."""
+        the ground; its length is the distance of the joint's two points along the axis, m, which
+        changes as the bodies slide. None for other joints."""
         slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
