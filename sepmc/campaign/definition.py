@@ -391,7 +391,9 @@ class Definition:
         -------
         selection : CaseSelection
         total : int
-            Number of cases of the sample that the selected ones belong to.
+            Number of cases of the sample that the selected ones belong to: for a number of cases
+            without a sample table that number, else one more than the largest case number of those
+            selected and of the file.
 
         Raises
         ------

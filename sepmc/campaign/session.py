@@ -576,7 +576,8 @@ def _audit_failed(box: Definition, block: Block, is_ok: np.ndarray) -> bool:
 
 
 def _part(block: Block, first: int, end: int) -> Block:
-    """Return cases ``first`` to ``end`` - 1 of a block as a block, whose arrays are views."""
+    """Return cases ``first`` to ``end`` - 1 of a block as a block, whose arrays are views. Its
+    ``refinement`` is still that of the whole block."""
     cases = slice(first, end)
     fields = ("outcomes", "status", "times", "history", "rows")
     part = replace(block, **{name: getattr(block, name)[cases] for name in fields})

@@ -45,7 +45,7 @@ def hinge_rate(s: State, joint: str) -> Any:
 
 def _from_first(s: State, first: str, second: str) -> Any:
     """Rotation matrix (nine numbers by rows) from the axes of body ``second`` to those of body
-    ``first``."""
+    ``first``; bodies of one rigid group are not treated separately."""
     a, b = s.attitude(first), s.attitude(second)
     columns = [vec3.unrotate(a, (b[k], b[3 + k], b[6 + k])) for k in range(3)]
     return tuple(columns[k][i] for i in range(3) for k in range(3))
