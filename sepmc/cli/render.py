@@ -47,12 +47,12 @@ def for_screen(text: str) -> str:
 
 
 def show(text: str) -> None:
-    """Print a text, with long lines folded on a terminal."""
+    """Print a text to standard output, with long lines folded on a terminal."""
     click.echo(for_screen(text))
 
 
 def logger(quiet: bool) -> "Log":
-    """Return a function that prints a message, or ignores it if ``quiet``."""
+    """Return a function that prints a message to standard output, or ignores it if ``quiet``."""
     return (lambda text: None) if quiet else show
 
 

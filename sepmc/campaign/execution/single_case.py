@@ -348,7 +348,7 @@ class _SingleRun:
     def _report_forecast(self, lines: float) -> None:
         """Announce an integration of a number of kernel ``lines`` in plain Python if it takes
         longer than three seconds. If the lines exceed those left and compiling is allowed, compile
-        the kernel instead."""
+        the kernel instead; if it is not allowed, nothing is raised here."""
         if lines > self.work.left and self.may_compile:
             self._compile()
         elif lines * LINE_S > _LONG_S and self.announce:

@@ -289,7 +289,7 @@ def stroke_end_time(spec: KernelSpec, spring: str) -> str:
 
 def has_kind(joint: str, kinds: tuple[int, ...]) -> str:
     """Kernel code, within a loop over lanes, of the condition that the present kind of a joint has
-    one of these numbers."""
+    one of these numbers; comparisons of several are joined by ``or`` without parentheses."""
     return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 

@@ -114,8 +114,9 @@ class Rows:
         )
 
     def _group_translation(self, row: Row, line: Line) -> JointRow:
-        """Evaluate the row of a translation between bodies of one rigid group along ``line``, which
-        must have the part ``own``; in the axes of the group the row has few terms."""
+        """Evaluate the row of a translation between bodies of one rigid group, which may slide,
+        along ``line``, which must have the part ``own``; in the axes of the group the row has few
+        terms."""
         own = line.own
         assert own is not None
         mask = self.s.is_active(row.joint, row.kinds) if row.kinds else 1.0
