@@ -22,10 +22,10 @@ from sepmc.cli.results import check_rows
     help="Format of the files; PNG at 300 dots per inch.",
 )
 def plot(folder: Path, every: bool, ending: str) -> None:
-    """Draw the figures of RUN again from its files, for print. Of a campaign, the histograms of
-    twelve outcomes (--all: of every outcome) are drawn together, and each also into a file of its
-    own; if RUN has case rows, a figure shows how the means converge. Of a single case, its history
-    over time is drawn.
+    """Draw the figures of RUN again from its files, for print, into RUN. Of a campaign, the
+    histograms of twelve outcomes (--all: of every outcome) are drawn together, and each also into a
+    file of its own; if RUN has case rows, a figure shows how the means converge. Of a single case,
+    its history over time is drawn.
 
     \b
     Example:

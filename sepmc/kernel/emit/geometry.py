@@ -183,8 +183,8 @@ class State:
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
 
     def slide(self, bodies: tuple[str, str]) -> Slide | None:
-        """Relative motion of two bodies of one rigid group, which may slide; None if they are not
-        in one group, or the group contains the ground."""
+        """Motion of the second of two ``bodies`` of one rigid group relative to the first, on which
+        it may slide; None if they are not in one group, or the group contains the ground."""
         a, b = bodies
         leader = self.segment.leader(a)
         if leader == GROUND or self.segment.leader(b) != leader:

@@ -209,8 +209,8 @@ def emit_layers(out: Text, c: Context) -> None:
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:
-    """Add the aerodynamic force and moment on a body, both in body axes, to its load terms
-    ``acting``."""
+    """Add the aerodynamic force and the moment about the mass centre, both in body axes, of a body
+    that feels air (`feels_air`) to its load terms ``acting``."""
     case, p = s.case, s.case.body(body)
     flow = vec3.unrotate(s.attitude(body), vec3.add(s.velocity(body), s.stream(body))).called(
         "flow"
