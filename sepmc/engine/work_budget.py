@@ -19,6 +19,7 @@ SEARCHES = tuple(
     f"sepmc.{name}"
     for name in (
         "routines.clearances",
+        "routines.screening",
         "physics.outlines",
         "physics.rims",
         "physics.sectors",

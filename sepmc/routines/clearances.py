@@ -19,7 +19,7 @@ Checked in `tests/kernel/test_clearances.py` against dense scans.
 
 import math
 
-from sepmc.jit import noinline, routine
+from sepmc.jit import formula, noinline, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.rims import rim_gap
@@ -66,7 +66,10 @@ def search_clearance(w, job):
         JOB_TIME, JOB_LENGTH : start and length of the step, s
         JOB_PARTS : position in w of the first part, and number of parts, of outline a, then of b;
         a part has `layout.PART_SIZE` numbers
+        JOB_NEAR : position in w of a mark for each pair of parts, LANES apart: the pairs of the
+        first part of a, then those of its next part; pairs with 0 are not searched
         JOB_CENTRES : layout points of the centres of mass of bodies a and b
+        JOB_POSES : poses (`_pose`) at POSES times of the step, equally far apart
         JOB_PATH : coefficients (JOB_POWERS, PATH) of the powers of the fraction of the step: of the
         vector from a to b (3), and of the attitude quaternions of a and b (4, 4)
         JOB_RESULT : smallest distance, m, its time, s, nearest point of the first body (3, layout,
@@ -78,8 +81,7 @@ def search_clearance(w, job):
     noinline()
     parts, poses, h = job + at.JOB_PARTS, job + at.JOB_POSES, w[job + at.JOB_LENGTH]
     cg_a, cg_b = vec3.get(w, job + at.JOB_CENTRES), vec3.get(w, job + at.JOB_CENTRES + 3)
-    for n in range(at.POSES):
-        _pose(n / (at.POSES - 1), w, job, poses + at.POSE * n)
+    near = int(w[job + at.JOB_NEAR])
     motion, searched = _motion(w, poses, h), True
     for n in range(int(w[parts + 1])):
         pa = int(w[parts]) + at.PART_SIZE * n
@@ -87,6 +89,8 @@ def search_clearance(w, job):
         for m in range(int(w[parts + 3])):
             pb = int(w[parts + 2]) + at.PART_SIZE * m
             part_b = _part(pb, cg_b, w)
+            if w[near + (int(w[parts + 3]) * n + m) * LANES] == 0.0:
+                continue
             shell_a, shell_b = w[pa] != 0.0, w[pb] != 0.0
             if (shell_a and shell_b) or max(w[pa], w[pb]) == at.SECTOR_ANGLES:
                 continue  # two walls: each is paired with the other body's solids
@@ -135,11 +139,18 @@ def load_outline(w, out, source, parts):
 
 @routine
 def _part(p, cg, w):
-    """Return the part (start, axis, length, r0, r1) of a body's outline whose numbers are stored at
-    w[p] in layout coordinates; the result is in body axes from the centre of mass ``cg``, m."""
-    start = (cg[0] - w[p + 1], w[p + 2] - cg[1], w[p + 3] - cg[2])
-    length = w[p + 4]
-    return (start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), w[p + 5], w[p + 6])
+    """Return the part of a body's outline whose numbers are stored at w[p] (`from_layout`)."""
+    return from_layout((w[p], vec3.get(w, p + 1), w[p + 4], w[p + 5], w[p + 6]), cg)
+
+
+@formula
+def from_layout(numbers, cg):
+    """Return the part (start, axis, length, r0, r1) of a body's outline, in body axes from the
+    centre of mass ``cg`` (layout point, m). ``numbers`` are its kind (not used), the layout point
+    of its start, its length aft and its radii, m."""
+    _, at_start, length, r0, r1 = numbers
+    start = (cg[0] - at_start[0], at_start[1] - cg[1], at_start[2] - cg[2])
+    return (start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), r0, r1)
 
 
 @routine
@@ -158,12 +169,35 @@ def _pose(theta, w, job, pose):
         a2, a3 = a2 * theta + w[k + 5], a3 * theta + w[k + 6]
         b0, b1 = b0 * theta + w[k + 7], b1 * theta + w[k + 8]
         b2, b3 = b2 * theta + w[k + 9], b3 * theta + w[k + 10]
-    offset = (x, y, z)
-    to, r = quat.matrix(quat.unit((a0, a1, a2, a3))), quat.matrix(quat.unit((b0, b1, b2, b3)))
-    for n in range(3):
-        column = vec3.unrotate(to, (r[n], r[3 + n], r[6 + n]))
-        w[pose + n], w[pose + 3 + n], w[pose + 6 + n] = column
-    vec3.put(w, pose + 9, vec3.unrotate(to, offset))
+    rotation, offset = relative_pose((x, y, z), (a0, a1, a2, a3), (b0, b1, b2, b3))
+    vec3.put(w, pose, (rotation[0], rotation[1], rotation[2]))
+    vec3.put(w, pose + 3, (rotation[3], rotation[4], rotation[5]))
+    vec3.put(w, pose + 6, (rotation[6], rotation[7], rotation[8]))
+    vec3.put(w, pose + 9, offset)
+
+
+@formula
+def relative_pose(offset, q_a, q_b):
+    """Return the pose of body b relative to body a: the matrix from the axes of b to those of a (9,
+    by rows), and the vector between their mass centres, axes of a, m. ``offset`` is that vector in
+    common axes, ``q_a`` and ``q_b`` are the attitude quaternions, of any length but 0."""
+    to, r = quat.matrix(q_a), quat.matrix(q_b)
+    x, y, z = (
+        vec3.unrotate(to, (r[0], r[3], r[6])),
+        vec3.unrotate(to, (r[1], r[4], r[7])),
+        vec3.unrotate(to, (r[2], r[5], r[8])),
+    )
+    rotation = (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
+    return rotation, vec3.unrotate(to, offset)
+
+
+@formula
+def greatest_rate(change, bend, dt):
+    """Return bounds of the rate of a vector and of the rate of that, estimated from its values
+    at times ``dt`` s apart: ``change`` is the largest square of its first differences, ``bend``
+    that of its second ones."""
+    acceleration = _SAFE * math.sqrt(bend) / (dt * dt)
+    return math.sqrt(change) / dt + dt * acceleration, acceleration
 
 
 @routine
@@ -203,17 +237,12 @@ def _motion(w, poses, h):
             for c in range(9):
                 total += (w[current + c] - 2.0 * w[previous + c] + w[first + c]) ** 2
             axis_accel = max(axis_accel, total)
-    square = dt * dt
-    accel_a, accel_b, axis_accel = (
-        _SAFE * math.sqrt(accel_a) / square,
-        _SAFE * math.sqrt(accel_b) / square,
-        _SAFE * math.sqrt(axis_accel) / square,
+    (speed_a, accel_a), (speed_b, accel_b), (axis_speed, axis_accel) = (
+        greatest_rate(speed_a, accel_a, dt),
+        greatest_rate(speed_b, accel_b, dt),
+        greatest_rate(axis_speed, axis_accel, dt),
     )
-    return (
-        math.sqrt(speed_a) / dt + dt * accel_a, math.sqrt(speed_b) / dt + dt * accel_b,
-        math.sqrt(axis_speed) / dt + dt * axis_accel,
-        accel_a, accel_b, axis_accel,
-    )  # fmt: skip
+    return speed_a, speed_b, axis_speed, accel_a, accel_b, axis_accel
 
 
 @routine
@@ -223,8 +252,8 @@ def _back(w, pose):
     return vec3.unrotate(vec3.get_matrix(w, pose), vec3.get(w, pose + 9))
 
 
-@routine
-def _reach(part):
+@formula
+def reach(part):
     """Return an upper bound of the distance of the points of a part from the origin of its axes,
     m."""
     start, axis, length, r0, r1 = part
@@ -250,15 +279,16 @@ def _is_through(shell, best):
 def _placed(part, w, pose):
     """Transform a part of body b from its own axes to the axes of body a, for the pose stored at
     w[pose] (`_pose`)."""
+    return placed(part, vec3.get_matrix(w, pose), vec3.get(w, pose + 9))
+
+
+@formula
+def placed(part, rotation, offset):
+    """Transform a part of body b from its own axes to the axes of body a, for a pose
+    (`relative_pose`)."""
     start, axis, length, r0, r1 = part
-    r = vec3.get_matrix(w, pose)
-    return (
-        vec3.add(vec3.get(w, pose + 9), vec3.rotate(r, start)),
-        vec3.rotate(r, axis),
-        length,
-        r0,
-        r1,
-    )
+    at_start = vec3.add(offset, vec3.rotate(rotation, start))
+    return at_start, vec3.rotate(rotation, axis), length, r0, r1
 
 
 @routine
@@ -404,16 +434,16 @@ def _search(pair, motion, w, job):
     """
     noinline()
     kind, _, part_a, part_b = pair
-    size, h = _reach(part_a) + _reach(part_b), w[job + at.JOB_LENGTH]
+    size, h = reach(part_a) + reach(part_b), w[job + at.JOB_LENGTH]
     if kind == SHELL_ON_SECOND:
         speed, curvature = (
-            motion[1] + motion[2] * _reach(part_a),
-            motion[4] + motion[5] * _reach(part_a),
+            motion[1] + motion[2] * reach(part_a),
+            motion[4] + motion[5] * reach(part_a),
         )
     else:
         speed, curvature = (
-            motion[0] + motion[2] * _reach(part_b),
-            motion[3] + motion[5] * _reach(part_b),
+            motion[0] + motion[2] * reach(part_b),
+            motion[3] + motion[5] * reach(part_b),
         )
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b

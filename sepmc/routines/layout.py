@@ -87,13 +87,23 @@ POSES, POSE = 5, 12
 DEPTH, NODE = 56, 15
 # Offsets: the step's start and length, powers of the path, start and number of the parts of both
 # outlines, mass centres, result, 1 if the search was complete, direction of the last distance of
-# two solids, poses, nodes, path over the step.
+# two solids, position of the marks of pairs that may come nearer, poses, nodes, path over the step.
 (
     JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_RESULT, JOB_DONE, JOB_DIRECTION,
-) = 0, 1, 2, 3, 7, 13, 19, 20  # fmt: skip
-JOB_POSES = 23
+    JOB_NEAR,
+) = 0, 1, 2, 3, 7, 13, 19, 20, 23  # fmt: skip
+JOB_POSES = 24
 JOB_NODES = JOB_POSES + POSES * POSE
 JOB_PATH = JOB_NODES + (DEPTH + 2) * NODE
+# Screening of a step in all lanes, components: smallest distance so far, 1 where some pair of parts
+# may come nearer, 1 where the pair at hand may, mass centres, numbers of a part of either outline,
+# placed part of b (start and axis) and its reach, bounds of the motion (each with a scratch
+# number), path at a time, poses, path over the step.
+(
+    SCREEN_LIMIT, SCREEN_NEAR, SCREEN_PAIR, SCREEN_CENTRES, SCREEN_PART_A, SCREEN_PART_B,
+    SCREEN_PLACED, SCREEN_REACH, SCREEN_MOVE, SCREEN_TURN, SCREEN_POINT, SCREEN_POSES,
+) = 0, 1, 2, 3, 9, 16, 23, 29, 30, 32, 34, 45  # fmt: skip
+SCREEN_PATH = SCREEN_POSES + POSES * POSE
 # Cell of a pack of splines, loaded by a lane: for each axis low end, high end and origin of
 # distances; basis functions, as in the pack; coefficients, the functions side by side.
 CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57

@@ -2,7 +2,8 @@
 searched for a smaller distance."""
 
 import math
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 from sepmc.kernel.emit.context import Context, component, has_kind, rejection_unless
 from sepmc.kernel.emit.geometry import State
@@ -23,10 +24,9 @@ def emit_clearances(out: Text, c: Context) -> None:
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(component("CLEARANCES", k), math.nan)
     c.workspace.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
-    (
-        c.workspace.add("PATH", powers * at.PATH),
-        c.workspace.add("JOB", at.JOB_PATH + powers * at.PATH),
-    )
+    c.workspace.add("SCREEN", at.SCREEN_PATH + powers * at.PATH)
+    c.workspace.add("JOB", at.JOB_PATH + powers * at.PATH)
+    c.workspace.add("NEAR", max((_pairs(c, i) for i in range(len(entries))), default=0))
     c.workspace.add("CENTRES", 6 * len(entries))
     for i, entry in enumerate(entries):
         for k, body in enumerate(entry.bodies):
@@ -36,6 +36,14 @@ def emit_clearances(out: Text, c: Context) -> None:
         "(`sepmc.routines.clearances.search_clearance`)."
     )
     out.function("search_lane(w, job: int)", docstring)("search_clearance(w, job)")
+    docstring = "Bound the relative motion over a step (`sepmc.routines.screening.screen_motion`)."
+    out.function("bound_motion(w)", docstring)(f"screen_motion(w, SCREEN, {powers})")
+    docstring = "Find lanes whose step may be nearer (`sepmc.routines.screening.screen_parts`)."
+    out.function(
+        "screen_outlines(w, near: int, a: int, step_a: int, count_a: int, b: int, step_b: int, "
+        "count_b: int)",
+        docstring,
+    )("screen_parts(w, SCREEN, near, a, step_a, count_a, b, step_b, count_b)")
     for segment in c.spec.segments:
         if active := c.active_clearances(segment):
             text = out.function(
@@ -57,17 +65,19 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
     power: Any = 1.0
     for q in range(powers):
         a, b = (_position_coefficient(s, body, q) for body in entry.bodies)
-        s.scope.store(component("PATH", at.PATH * q), vec3.scale(power, vec3.sub(b, a)))
+        s.scope.store(_path(at.PATH * q), vec3.scale(power, vec3.sub(b, a)))
         for k, body in enumerate(entry.bodies):
             quaternion = _attitude_coefficient(s, body, q)
             s.scope.store(
-                component("PATH", at.PATH * q + 3 + 4 * k),
+                _path(at.PATH * q + 3 + 4 * k),
                 tuple(power * quaternion[i] for i in range(4)),
             )
         power = power * reach
     s.scope.write(text)
-    moves, active = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", is_active(c, segment, i)
-    text = text.lanes().block(f"if {moves if active == 'True' else f'{moves} and ({active})'}:")
+    _emit_screening(text, c, i)
+    conditions = [f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", is_active(c, segment, i)]
+    conditions.append(f"w[{component('SCREEN', at.SCREEN_NEAR)} + l] > 0.0")
+    text = text.lanes().block(f"if {' and '.join(f'({x})' for x in conditions if x != 'True')}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
         "w[LENGTH + l]",
@@ -81,6 +91,24 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
         f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_RESULT} "
         "+ k]"
     )
+
+
+def _emit_screening(text: Text, c: Context, i: int) -> None:
+    """Append lines that set the component SCREEN_NEAR to 1 in lanes in which clearance number ``i``
+    may become smaller in the step just made, whose path is in the field SCREEN, else to 0."""
+    limit = component("CLEARANCES", at.CLEARANCE_OUTCOMES * i)
+    text.lanes()(
+        f"w[{component('SCREEN', at.SCREEN_LIMIT)} + l] = w[{limit} + l]",
+        f"w[{component('SCREEN', at.SCREEN_NEAR)} + l] = 0.0",
+    )
+    text.components("6 * LANES")(
+        f"w[{component('SCREEN', at.SCREEN_CENTRES)} + e + l] = "
+        f"w[{component('CENTRES', 6 * i)} + e + l]"
+    )
+    text("bound_motion(w)")
+    for near, a, b in _searches(c, i):
+        numbers = ", ".join(f"{run.start}, {run.step}, {run.parts}" for run in (a, b))
+        text.broken(f"screen_outlines(w, {near}, {numbers})")
 
 
 def is_active(c: Context, segment: Segment, i: int) -> str:
@@ -99,7 +127,7 @@ def _emit_job(
     text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]
 ) -> list[str]:
     """Append lines that copy the inputs of a search for clearance ``i`` in a lane to the field JOB:
-    mass centres, and the motion from the field PATH, ``powers`` coefficients.
+    mass centres, and poses and motion from the field SCREEN, ``powers`` coefficients.
 
     ``more`` are further inputs to copy, as (field, first component, offset in the job, count).
 
@@ -113,25 +141,59 @@ def _emit_job(
     for field, first, offset, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
         *more,
-        ("PATH", 0, at.JOB_PATH, powers * at.PATH),
+        ("SCREEN", at.SCREEN_POSES, at.JOB_POSES, at.POSES * at.POSE),
+        ("SCREEN", at.SCREEN_PATH, at.JOB_PATH, powers * at.PATH),
     ):
         text.block(f"for k in range({count}):")(
             f"w[JOB + {offset} + k] = w[{field} + ({first} + k) * LANES + l]"
         )
-    one, other = (_part_lines(c, i, side) for side in range(2))
-    return [f"{a}; {b}" for a in one for b in other]
+    lines = []
+    for near, *runs in _searches(c, i):
+        values = {at.JOB_NEAR: f"{near} + l"}
+        for side, run in enumerate(runs):
+            values[at.JOB_PARTS + 2 * side] = run.of_lane
+            values[at.JOB_PARTS + 2 * side + 1] = str(run.parts)
+        lines.append("; ".join(f"w[JOB + {k}] = float({v})" for k, v in values.items()))
+    return lines
 
 
-def _part_lines(c: Context, i: int, side: int) -> list[str]:
-    """Lines of kernel code, one for each run of consecutive outline parts that clearance number
-    ``i`` includes of its first (``side`` 0) or second (1) body.
+def _pairs(c: Context, i: int) -> int:
+    """Number of pairs of outline parts of clearance number ``i``."""
+    return math.prod(sum(run.parts for run in _part_runs(c, i, side)) for side in range(2))
 
-    A line sets two components of the field JOB: the position in the workspace of the first part of
-    the run, and the number of its parts. A search (``search_lane``) follows each pair of a line of
-    the first body and one of the second."""
+
+def _searches(c: Context, i: int) -> Iterator[tuple[str, "_Run", "_Run"]]:
+    """Yield, for each search of clearance number ``i``, the workspace path of the marks of its
+    pairs and the runs of parts of the first and of the second body."""
+    one, other = (_part_runs(c, i, side) for side in range(2))
+    before = 0
+    for a in one:
+        for b in other:
+            yield component("NEAR", before), a, b
+            before += a.parts * b.parts
+
+
+class _Run(NamedTuple):
+    """Consecutive parts of an outline: workspace path (code) of the first one for lane 0; distance
+    in numbers from there to that of the next lane, 0 if all lanes share it; number of parts."""
+
+    start: str
+    step: int
+    parts: int
+
+    @property
+    def of_lane(self) -> str:
+        """Workspace path of the first part of lane ``l``."""
+        return f"{self.start} + {self.step} * l" if self.step else self.start
+
+
+def _part_runs(c: Context, i: int, side: int) -> list[_Run]:
+    """Runs of consecutive outline parts that clearance number ``i`` includes of its first
+    (``side`` 0) or second (1) body. A search follows each pair of a run of the first body and one
+    of the second."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
-    entry, lines = c.spec.scene.clearance[i], []
-    body, offset = entry.bodies[side], at.JOB_PARTS + 2 * side
+    entry, runs = c.spec.scene.clearance[i], []
+    body = entry.bodies[side]
     shared, total = (
         int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
     )
@@ -139,11 +201,12 @@ def _part_lines(c: Context, i: int, side: int) -> list[str]:
     if varies:
         c.workspace.add(f"OUTLINE_{body}", at.PART_SIZE * total)
     for first, count in packed_runs(c.spec.scene, entry, side):
-        start = f"SHARED + {shared + at.PART_SIZE * first}"
         if varies:
-            start = f"OUTLINE_{body} + {at.PART_SIZE} * ({total} * l + {first})"
-        lines.append(f"w[JOB + {offset}], w[JOB + {offset + 1}] = float({start}), {float(count)}")
-    return lines
+            start, step = f"OUTLINE_{body} + {at.PART_SIZE * first}", at.PART_SIZE * total
+        else:
+            start, step = f"SHARED + {shared + at.PART_SIZE * first}", 0
+        runs.append(_Run(start, step, count))
+    return runs
 
 
 def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: str) -> None:
@@ -154,10 +217,14 @@ def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: st
     entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.position(body) for body in entry.bodies)
-    path.scope.store("PATH", vec3.sub(b, a))
+    path.scope.store(_path(0), vec3.sub(b, a))
     for k, body in enumerate(entry.bodies):
-        path.scope.store(component("PATH", 3 + 4 * k), _quaternion(path, body))
+        path.scope.store(_path(3 + 4 * k), _quaternion(path, body))
     path.scope.write(text)
+    powers, pairs = s.c.extended.dense.shape[1], _pairs(s.c, i)
+    text.components(f"{(powers - 1) * at.PATH} * LANES")(f"w[{_path(at.PATH)} + e + l] = 0.0")
+    text("bound_motion(w)")
+    text.components(f"{pairs} * LANES")("w[NEAR + e + l] = 1.0")
     text = text.lanes()
     text(f"w[{destination} + l] = math.nan")
     text = text.block(f"if {active}:")
@@ -175,6 +242,11 @@ def is_active_at_start(c: Context, i: int) -> bool:
     the release of a joint."""
     after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
     return after is None or min(first.joint_kinds[after]) in first.free_kinds(after)
+
+
+def _path(k: int) -> str:
+    """Workspace path of number ``k`` of the path over a step, in the field SCREEN."""
+    return component("SCREEN", at.SCREEN_PATH + k)
 
 
 def _position_coefficient(s: State, body: str, q: int) -> Any:

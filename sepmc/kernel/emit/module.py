@@ -66,6 +66,7 @@ from sepmc.routines.clearances import load_outline, search_clearance
 from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model
+from sepmc.routines.screening import screen_motion, screen_parts
 from sepmc.routines.splines import load_cell, in_cell
 from sepmc.routines.load_intervals import next_load_switch, set_active_loads
 '''
