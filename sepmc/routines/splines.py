@@ -13,11 +13,14 @@ from sepmc.jit import long_formula, noinline, routine
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
 
+_BEYOND = 4e-16  # relative: the next larger number
+
 
 @long_formula
 def in_cell(w, cell, x, y, z):
     """Return True if the point (x, y, z), in the units of the axes, is in the cell that `load_cell`
-    has last loaded for a lane at w[cell]; the start of each span is in it, the end is not."""
+    has last loaded for a lane at w[cell]. The start of each span is in it; the end is not, unless
+    it is the end of the grid."""
     return (
         w[cell] <= x < w[cell + LANES]
         and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES]
@@ -78,7 +81,10 @@ def load_cell(w, cell, at, x, y, z):
         start = w[axis + 1 + low]
         if w[ends] == start:
             continue
-        w[ends], w[ends + LANES], w[ends + 2 * LANES] = start, w[axis + 2 + low], start
+        end = w[axis + 2 + low]
+        if low == spans - 1:  # a coordinate may be held at the end of the grid for long
+            end += _BEYOND * (end - start + abs(end))
+        w[ends], w[ends + LANES], w[ends + 2 * LANES] = start, end, start
         for i in range(16):
             w[basis + i * LANES] = w[axis + spans + 2 + 16 * low + i]
     k = cell + layout.CELL_COEFFICIENTS * LANES

@@ -135,6 +135,24 @@ def test_loaded_cells_agree_with_lookups(counts, interpolation):
     assert n_in_cell > 20 * LANES
 
 
+@pytest.mark.parametrize("axis", [[-1.0, 0.0], [0.0, 1.0, 3.0], [-3.0, -2.0], [1.0, 1.0 + 1e-9]])
+def test_a_coordinate_held_at_an_end_stays_in_its_cell(axis):
+    """As the distance of a table of increments beyond its range: the cell is loaded once. The next
+    number beyond is outside, and the end of a span within begins the next."""
+    pack_of = pack([axis], np.zeros((1, len(axis))), interpolation="linear")
+    for value, beyond in ((axis[0], -math.inf), (axis[-1], math.inf)):
+        w = np.concatenate([pack_of, np.zeros(LANES * (layout.CELL_COEFFICIENTS + 4))])
+        cell = len(pack_of)
+        w[cell : cell + 9 * LANES] = math.inf
+        assert load_cell(w, cell, 0, value, 0.0, 0.0)
+        assert in_cell(w, cell, value, 0.0, 0.0)
+        outside = value + math.copysign(1e-14 * (abs(value) + axis[-1] - axis[0]), beyond)
+        assert not in_cell(w, cell, outside, 0.0, 0.0)
+        assert not load_cell(w, cell, 0, outside, 0.0, 0.0)
+        assert load_cell(w, cell, 0, axis[0], 0.0, 0.0)
+        assert in_cell(w, cell, axis[1], 0.0, 0.0) == (len(axis) == 2)
+
+
 def test_few_points_give_the_line_and_the_parabola():
     # 5 - 3 x; 1 - 3 x + 2 x2
     line, parabola = pack([[1.0, 3.0]], [[2.0, -4.0]]), pack([[0.0, 1.0, 3.0]], [[1.0, 0.0, 10.0]])
