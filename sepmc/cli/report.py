@@ -1,5 +1,6 @@
 """`sepmc report`: write the report of a run as one HTML page."""
 
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -45,10 +46,14 @@ def report(folder: Path, no_replay: bool, numbers: list[int], quiet: bool) -> No
       sepmc report runs/windy
       sepmc report runs/windy --replays 3,17
     """
-    check_rows(folder)
-    for number in numbers:
-        check_stored(folder, number, None)
-    from sepmc.cli.report_content import write_report
+    from sepmc.processes import processes
 
-    log = logger(quiet)
-    log(f"wrote {write_report(folder, load_run(folder), not no_replay, numbers, log)}")
+    with processes(1) as second:
+        second.submit(import_module, "sepmc.cli.report_content")  # at the same time as here
+        check_rows(folder)
+        for number in numbers:
+            check_stored(folder, number, None)
+        from sepmc.cli.report_content import write_report
+
+        log = logger(quiet)
+        log(f"wrote {write_report(folder, load_run(folder), not no_replay, numbers, log, second)}")

@@ -4,6 +4,7 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -43,13 +44,8 @@ from sepmc.cli.input_sensitivity import (
 from sepmc.cli.options import load_run, redundant
 from sepmc.cli.render import render_accuracy
 from sepmc.cli.results import phases
-from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.case_points import case_points
-from sepmc.report.drawing import draw_vehicle
-from sepmc.report.flight_figure import draw_flight
-from sepmc.report.history_figures import run_figures
-from sepmc.report.replay_data import replay_data
 from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.scene.scenarios import BASELINE
@@ -85,14 +81,19 @@ _ROWS = 400  # of their histories
 
 
 def write_report(
-    folder: Path, campaign: Campaign, worst: bool, numbers: Sequence[int], log: Log
+    folder: Path,
+    campaign: Campaign,
+    worst: bool,
+    numbers: Sequence[int],
+    log: Log,
+    second: Executor,
 ) -> Path:
     """Write the report of a run, ``report.html`` in its folder; return the path.
 
     Cases with ``numbers`` are simulated again for it, and, if ``worst``, the worst cases of the
-    requirements. A second process draws the vehicle and the outcomes meanwhile.
+    requirements. The process ``second`` draws the vehicle and the outcomes meanwhile.
     """
-    with TemporaryDirectory() as temporary, processes(1) as second:
+    with TemporaryDirectory() as temporary:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
         run = run_statistics.read_run(folder, campaign)
@@ -107,6 +108,8 @@ def write_report(
         flight = read_stored_flight(folder)
         flight_figures = []
         if flight is not None:
+            from sepmc.report.flight_figure import draw_flight
+
             content.flight = render_flight(flight, _WIDTH, folder)
             flight_figures.append(draw_flight(flight, into / "telemetry.svg"))
         path = folder / "report.html"
@@ -118,6 +121,8 @@ def write_report(
 def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
     """Draw the vehicle and the outcomes of a run into the folder ``into``; return the paths of the
     figures of the vehicle, and of those of the outcomes."""
+    from sepmc.report.drawing import draw_vehicle
+
     campaign = load_run(folder)
     run = run_statistics.read_run(folder, campaign)
     vehicle = draw_vehicle(
@@ -329,6 +334,10 @@ def _replay(
     """
     if not cases:
         return [], None
+    # 0.25 s, most of it for scipy.spatial, that a page without replays does not need
+    from sepmc.report.history_figures import run_figures
+    from sepmc.report.replay_data import replay_data
+
     solver, every_s = campaign.scene.solver, campaign.scene.run.end_time / _ROWS
     if solver.step is None and solver.accuracy < _ACCURACY:
         campaign = campaign.with_settings({"solver.accuracy": _ACCURACY})
