@@ -194,9 +194,7 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
     95 % interval) and ``partial`` (partial rank correlation; not set if inputs determine each
     other) of ``table``, a row for each of d inputs, from the inputs ``x`` (d, n) and the outcome
     ``y`` (n,)."""
-    # as scipy.stats.rankdata, which takes 1 s to import
-    ranks = pd.DataFrame(np.vstack([x, y]).T).rank()
-    correlation = np.corrcoef(ranks.to_numpy().T)
+    correlation = np.corrcoef(_ranks(np.vstack([x, y])))
     rank = correlation[-1, :-1]
     half_width = TWO_SIDED * np.sqrt((1.0 + 0.5 * rank**2) / (len(y) - 3.0))
     transformed = np.arctanh(np.clip(rank, -1.0 + 1e-15, 1.0 - 1e-15))
@@ -207,6 +205,18 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
         precision = np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation)))
         scale = np.sqrt(np.diag(precision))
         table["partial"] = -precision[-1, :-1] / (scale[-1] * scale[:-1])
+
+
+def _ranks(x: np.ndarray) -> np.ndarray:
+    """Return the ranks (d, n), from 1, of the values in each row of ``x`` (d, n); equal values have
+    the mean of their ranks."""
+    order = np.argsort(x)
+    ranks = np.empty(x.shape)
+    np.put_along_axis(ranks, order, np.arange(1.0, x.shape[1] + 1.0)[None], axis=1)
+    tied = (np.diff(np.take_along_axis(x, order, axis=1)) == 0.0).any(axis=1)
+    if tied.any():  # as scipy.stats.rankdata, which takes 1 s to import; 5 times as long as above
+        ranks[tied] = pd.DataFrame(x[tied].T).rank().to_numpy().T
+    return ranks
 
 
 def _end_means(x: np.ndarray, y: np.ndarray, few: bool) -> tuple[float, float, float]:

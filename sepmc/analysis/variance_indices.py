@@ -260,7 +260,7 @@ def _standard(y: np.ndarray) -> np.ndarray:
 def _order(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the indices (n,) that sort cases by the input ``x``; ties are in a random order that
     does not depend on the order of the rows, for which they are first sorted by ``y``."""
-    rows = np.argsort(x, kind="stable")
+    rows = np.argsort(x)  # a sixth of the time of a stable sort, which differs only for ties
     in_order = x[rows]
     if (in_order[1:] != in_order[:-1]).all():
         return rows
@@ -286,12 +286,13 @@ def _half_width(influence: np.ndarray, excess: float, added: float) -> float:
     """
     n = len(influence)
     influence = influence - influence.mean()
-    variance = float(np.mean(influence**2))
+    squares = influence**2
+    variance = float(np.mean(squares))
     mean_variance = max(variance - excess, 0.0) / n
     if mean_variance + added == 0.0:
         return 0.0
     degrees = np.inf
     if mean_variance > 0.0:
-        kurtosis = float(np.mean(influence**4)) / variance**2
+        kurtosis = float(np.mean(squares**2)) / variance**2
         degrees = 2.0 * n / max(kurtosis - 1.0, 1e-9) * (1.0 + added / mean_variance) ** 2
     return float(student_half_width(np.clip(degrees, 2.0, 1e9)) * np.sqrt(mean_variance + added))

@@ -1,5 +1,6 @@
 """The command line program `sepmc`. Heavy modules are imported by the commands that need them."""
 
+import os
 from typing import Any
 
 import click
@@ -79,8 +80,12 @@ class _Sepmc(Program):
 )
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
-    """Entry point of all commands; makes garbage collection rare, as a command ends soon."""
+    """Entry point of all commands; makes garbage collection rare, as a command ends soon, and keeps
+    the library of linear algebra of numpy to one thread."""
     gc_tuning.reduce_collections()
+    # matrices here are small: beside other busy processes, threads that wait for one another take
+    # up to 300 ms for a correlation matrix that one thread computes in 0.4 ms
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 for _command in (
