@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 
-from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save, set_title
+from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, lay_out, save, set_title
 from sepmc.scene.budget import force_of_table
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
@@ -205,8 +205,9 @@ def draw_vehicle(scene: Scene, dispersions: Sequence[Dispersion], title: str, pa
     set_title(figure, title)
     if any(len(names) > 1 for labels in labelled for _, names, _ in labels.names.values()):
         figure.supxlabel(_COUNT_NOTE, fontsize=9)
-    figure.draw_without_rendering()  # lays out the axes, which the placement of labels needs
+    lay_out(figure)  # the placement of labels needs the final axes
     for labels in labelled:
+        labels.ax.apply_aspect()
         labels.write()
     return save(figure, path)
 

@@ -112,6 +112,15 @@ def _columns(texts: Sequence[str], inches: float) -> int:
     return 1
 
 
+def lay_out(figure: Figure) -> None:
+    """Give the axes of a figure their final places, unless that was done before. Without it savefig
+    would first draw everything for the layout."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
     """Set one legend below all axes, with one entry for equal labels, and write the figure.
 
@@ -148,11 +157,8 @@ def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
             ncols=columns,
             **style,
         )
-    layout = figure.get_layout_engine()
-    if layout is not None:  # savefig would first draw everything for the layout
-        figure.set_dpi(_dots)
-        layout.execute(figure)
-        figure.set_layout_engine(None)
+    figure.set_dpi(_dots)
+    lay_out(figure)
     metadata: dict[str, str | None] = {"Software": None}
     if path.suffix == ".svg":  # the title is the text for readers who do not see the figure
         metadata = {"Date": None, "Title": " ".join(figure.get_suptitle().split())}
