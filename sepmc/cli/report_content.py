@@ -94,7 +94,7 @@ def write_report(
     Cases with ``numbers`` are simulated again for it, and, if ``worst``, the worst cases of the
     requirements. The process ``second`` draws the vehicle and the outcomes meanwhile.
     """
-    gc.freeze()  # of what imports left: a collection takes 0.15 s
+    gc.freeze()  # what imports left: a later collection of it takes 0.15 s
     with TemporaryDirectory() as temporary:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
