@@ -19,6 +19,7 @@ from sepmc.report.style import (
     make_axes,
     make_folder,
     save,
+    set_panel_title,
     set_title,
 )
 from sepmc.wording import to_words
@@ -88,7 +89,7 @@ def exceedance_figure(
         note = f"; {missing:,} cases without the outcome count as violations" if missing else ""
         present = outcome[~np.isnan(outcome)]
         constant = "; constant" if len(present) > 1 and np.ptp(present) == 0.0 else ""
-        ax.set_title(f"{v.name}: {v.verdict}{constant}{note}", fontsize=10)
+        set_panel_title(ax, f"{v.name}: {v.verdict}{constant}{note}", 10)
         ax.set_xlabel(label)
         ax.set_ylabel(f"fraction of cases {'above' if upper else 'below'}")
     for ax in axes[len(drawn) :]:
@@ -156,7 +157,7 @@ def convergence_figure(
             ax.plot(n, curve, color=BLUE, linewidth=1.4, label="estimate from the first n cases")
             ax.set_xscale("log")
             ax.set_ylabel(f"{statistic} ({unit})" if unit else statistic)
-            ax.set_title(to_words(outcome, unit), fontsize=9.5)
+            set_panel_title(ax, to_words(outcome, unit), 9.5)
     for ax in axes[-2:]:
         ax.set_xlabel("number n of ok cases")
     set_title(figure, f"Convergence of {about}")

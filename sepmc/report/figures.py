@@ -25,6 +25,7 @@ from sepmc.report.style import (
     make_axes,
     make_folder,
     save,
+    set_panel_title,
     set_title,
 )
 from sepmc.wording import count_cases, to_words
@@ -284,7 +285,7 @@ def _histogram(
     hidden = ", ".join(f"{bound:g}" for bound in required if bound not in shown)
     # drawn, it would shrink the histogram to a line
     note = f"\nrequired bound {hidden} is far outside" if hidden else ""
-    ax.set_title(fill(title, _TITLE_WIDTH) + note, fontsize=9)
+    set_panel_title(ax, fill(title, _TITLE_WIDTH) + note, 9)
     if len(rounded(mean, sigma, 2)) > 6:  # long tick labels would overlap
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     # a wider label would overlap its neighbour

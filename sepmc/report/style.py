@@ -99,6 +99,14 @@ def set_title(figure: Figure, text: str) -> None:
     figure.suptitle("\n".join(lines), fontsize=11)
 
 
+def set_panel_title(ax: Axes, text: str, size: float) -> None:
+    """Set the title of axes whose data are drawn, in letters of ``size`` points. Its height is
+    fixed, which saves two layouts of the ordinate, unless that has a "1e9" above it to keep off."""
+    formatter = ax.yaxis.get_major_formatter()
+    formatter.set_locs(ax.get_yticks())
+    ax.set_title(text, fontsize=size, y=None if formatter.get_offset() else 1.0)
+
+
 def _columns(texts: Sequence[str], inches: float) -> int:
     """Return the number of columns of a legend with entries ``texts``: the largest that fits into a
     width of ``inches``, unless fewer columns give as many rows; at least 1."""
