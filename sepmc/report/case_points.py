@@ -1,6 +1,7 @@
 """Data of the interactive figure of a report, which `points.js` draws: values of some cases as
 dots, and histograms of all cases."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -107,7 +108,7 @@ def _column(
         "kind": kind,
         "bounds": list(bounds.get(name, ())),
         "values": [
-            round(x, decimals) + 0.0 if np.isfinite(x) else None for x in values[chosen].tolist()
+            round(x, decimals) + 0.0 if math.isfinite(x) else None for x in values[chosen].tolist()
         ],
         "low": low,
         "high": high,
