@@ -15,9 +15,11 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 
 from sepmc.paths import as_path, is_local
 
@@ -55,6 +57,29 @@ def make_folder(folder: Path) -> Path:
     return folder
 
 
+class _Panel(Axes):
+    """Axes that a layout measures once. A constrained layout measures the space that labels need
+    around the axes, gives the axes a size, and measures again, as the size determines the ticks. If
+    the ticks are those of the first measurement, so is the space."""
+
+    _measured: tuple[list[float], np.ndarray] | None = None
+
+    def get_tightbbox(
+        self, renderer: RendererBase | None = None, *, for_layout_only: bool = False, **options: Any
+    ) -> Bbox | None:
+        """Return the box around axes and labels, in pixels; every second one for a layout is that
+        of the call before, moved with the axes, if the ticks have not changed."""
+        ticks = [*self.get_xlim(), *self.get_xticks(), *self.get_ylim(), *self.get_yticks()]
+        axes, measured = np.array(self.get_window_extent().extents), self._measured
+        self._measured = None
+        if for_layout_only and measured is not None and measured[0] == ticks:
+            return Bbox.from_extents(*axes + measured[1])
+        box = super().get_tightbbox(renderer, for_layout_only=for_layout_only, **options)
+        if for_layout_only and box is not None:
+            self._measured = ticks, box.extents - axes
+        return box
+
+
 def make_axes(
     rows: int, columns: int, size: tuple[float, float], widths: Sequence[float] | None = None
 ) -> tuple[Figure, list[Axes]]:
@@ -77,7 +102,11 @@ def make_axes(
     """
     figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = list(figure.subplots(rows, columns, squeeze=False, width_ratios=widths).ravel())
+    axes = list(
+        figure.subplots(
+            rows, columns, squeeze=False, width_ratios=widths, subplot_kw={"axes_class": _Panel}
+        ).ravel()
+    )
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(True, color="#dddddd", linewidth=0.6)
@@ -103,7 +132,7 @@ def set_panel_title(ax: Axes, text: str, size: float) -> None:
     """Set the title of axes whose data are drawn, in letters of ``size`` points. Its height is
     fixed, which saves two layouts of the ordinate, unless that has a "1e9" above it to keep off."""
     formatter = ax.yaxis.get_major_formatter()
-    formatter.set_locs(ax.get_yticks())
+    formatter.set_locs(ax.get_yticks().tolist())
     ax.set_title(text, fontsize=size, y=None if formatter.get_offset() else 1.0)
 
 
