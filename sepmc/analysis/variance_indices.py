@@ -11,6 +11,7 @@ independent, and each case between them has the inputs of the first, except one 
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -77,15 +78,14 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     n = len(y)
     y = _standard(y[_order(x, y)])
     max_lag = int(np.clip(round(_LAGS_PER_ROOT * np.sqrt(n)), *_LAG_LIMITS))
-    lags, squares = np.arange(1.0, max_lag + 1.0), np.concatenate(([0.0], np.cumsum(y * y)))
+    squares = np.concatenate(([0.0], np.cumsum(y * y)))
     differences = np.array(
         [
             (squares[n] - squares[k] + squares[n - k] - 2.0 * (y[k:] @ y[:-k])) / (2.0 * (n - k))
             for k in range(1, max_lag + 1)
         ]
     )
-    # weights of a line and of a parabola through the differences, extrapolated to lag 0
-    line, parabola = (np.linalg.pinv(np.vander(lags, k, increasing=True))[0] for k in (2, 3))
+    line, parabola = _lag_weights(max_lag)
     index = 1.0 - float(line @ differences)
     mean = _neighbour_mean(y, max_lag)
     residual = (y - mean) ** 2
@@ -97,6 +97,15 @@ def ordered_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     chance_variance = fourth * float(line @ line) / n + bias
     # minus the variance that chance in the mean of neighbours adds to the influence
     return index, _half_width(influence, 2.0 * fourth / max_lag, chance_variance)
+
+
+@lru_cache(maxsize=2)  # all inputs of a run have the same lags
+def _lag_weights(max_lag: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weights (max_lag,) of values at the lags 1 to ``max_lag`` in the values at lag 0
+    of a line and of a parabola through them."""
+    lags = np.arange(1.0, max_lag + 1.0)
+    line, parabola = (np.linalg.pinv(np.vander(lags, k, increasing=True))[0] for k in (2, 3))
+    return line, parabola
 
 
 def grouped_index(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

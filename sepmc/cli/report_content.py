@@ -92,12 +92,13 @@ def write_report(
     """Write the report of a run, ``report.html`` in its folder; return the path.
 
     Cases with ``numbers`` are simulated again for it, and, if ``worst``, the worst cases of the
-    requirements. The process ``second`` draws the vehicle and the outcomes meanwhile.
+    requirements. The process ``second`` draws the vehicle and the outcomes meanwhile, and ends.
     """
     gc.freeze()  # what imports left: a later collection of it takes 0.15 s
     with TemporaryDirectory() as temporary:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
+        second.shutdown(wait=False)  # it ends while the page is written
         run = run_statistics.read_run(folder, campaign)
         drivers = analyse(folder, campaign, run)
         cases = _worst_cases(campaign, run) if worst else {}

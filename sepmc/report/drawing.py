@@ -113,10 +113,9 @@ class _Labels:
             distance = np.hypot(*np.maximum(np.abs(offsets) - half, 0.0).T)
             anchor = self.ax.transData.transform(at)
             edges = np.clip(0.0, offsets - half, offsets + half)  # ends of leader lines
-            leader_overlap = np.array(
-                [_overlap(_boxes_along(anchor, anchor + e), obstacles).sum() for e in edges]
-            )
-            cost += _COST_LABEL * (distance >= _LEADER_DISTANCE * scale) * leader_overlap
+            for k in np.flatnonzero(distance >= _LEADER_DISTANCE * scale):
+                leader = _boxes_along(anchor, anchor + edges[k])
+                cost[k] += _COST_LABEL * _overlap(leader, obstacles).sum()
             best = int(np.argmin(cost + _COST_DISTANCE * distance * half[1]))
             text.set_position(offsets[best] / scale)
             if distance[best] >= _LEADER_DISTANCE * scale:
