@@ -63,7 +63,13 @@ def drawing_process(wanted: bool) -> "Iterator[Executor | None]":
         yield pool
 
 
-def draw_figures(
+def draw_figures(*arguments: Any, **options: Any) -> list[Path]:
+    """Draw the figures of a run; return the files written. Arguments are those of
+    `start_figures`."""
+    return start_figures(*arguments, **options)()
+
+
+def start_figures(
     folder: Path,
     campaign: "Campaign",
     summary: "TableStatistics | StreamingStatistics | StoredStatistics",
@@ -77,9 +83,9 @@ def draw_figures(
     page: Path | None = None,
     suffix: str = ".png",
     second: "Executor | None" = None,
-) -> list[Path]:
-    """Draw the figures of a run: bands of histories, cases beyond requirements, convergence of
-    means, and histograms.
+) -> Callable[[], list[Path]]:
+    """Start to draw the figures of a run: bands of histories, cases beyond requirements,
+    convergence of means, and histograms.
 
     Parameters
     ----------
@@ -109,8 +115,8 @@ def draw_figures(
 
     Returns
     -------
-    list of Path
-        Files written.
+    callable () -> list of Path
+        Draws what the second process does not, waits for that, and returns the files written.
     """
     from sepmc.analysis.constant_outcomes import collapse_constant, constant_value, is_constant
     from sepmc.analysis.requirements import required_bounds
@@ -136,11 +142,15 @@ def draw_figures(
         suffix=suffix,
         alone=separate,
     )
-    drawn = _submitted(histograms, second)
-    written = _draw_bands(folder, into, units, about, suffix)
+    drawn = submitted(histograms, second)
     constants = {name: constant_value(table, name) for name in outcomes if is_constant(table, name)}
-    written += draw_fractions(folder, campaign, verdicts, converged, into, suffix, constants)
-    return written + drawn()
+
+    def finish() -> list[Path]:
+        written = _draw_bands(folder, into, units, about, suffix)
+        written += draw_fractions(folder, campaign, verdicts, converged, into, suffix, constants)
+        return written + drawn()
+
+    return finish
 
 
 def clearance_bounds(campaign: "Campaign") -> dict[str, list[float]]:
@@ -166,7 +176,7 @@ def event_times(history: Mapping[Any, Any]) -> dict[str, float]:
     return {name: float(t) for name, t in times.items() if t is not None and math.isfinite(t)}
 
 
-def _submitted(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:
+def submitted(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:
     """Start ``work`` in a second process, and return a function that waits for its result and
     returns it. Without a process, or if it has ended, that function does the work itself."""
     if second is None:

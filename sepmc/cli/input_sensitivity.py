@@ -1,19 +1,27 @@
 """Analysis of a run: inputs that drive its outcomes, and inputs that distinguish its failures."""
 
+from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from sepmc.analysis import constant_outcomes, failure_attribution, sensitivity
+from sepmc.analysis.sensitivity import leading_inputs
 from sepmc.analysis.statistics import column, ok_rows
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.run_statistics import RunStatistics
 from sepmc.campaign.store import folders, shards
-from sepmc.cli.figures import ranked_outcomes, run_title
+from sepmc.cli.figures import ranked_outcomes, run_title, submitted
 from sepmc.cli.render import warn
-from sepmc.report.sensitivity_figures import attribution_figure, scatter_figure, tornado_figure
+from sepmc.report.sensitivity_figures import (
+    SCATTERED_INPUTS,
+    attribution_figure,
+    sensitivity_figures,
+)
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Status
@@ -145,13 +153,19 @@ def analyse(
 
 
 def draw_sensitivities(
-    drivers: InputSensitivity, folder: Path, campaign: Campaign, into: Path, suffix: str = ".png"
-) -> list[Path]:
-    """Draw two figures into the folder ``into``: tornado charts of the sensitivities of a run, and
-    scatter plots of outcomes over their leading inputs. Returns the two files, none without
-    sensitivities. ``suffix`` is the ending of the files."""
+    drivers: InputSensitivity,
+    folder: Path,
+    campaign: Campaign,
+    into: Path,
+    suffix: str = ".png",
+    second: Executor | None = None,
+) -> Callable[[], list[Path]]:
+    """Draw two figures into the folder ``into``, in the process ``second`` if there is one: tornado
+    charts of the sensitivities of a run, and scatter plots of outcomes over their leading inputs.
+    ``suffix`` is the ending of the files. Returns a function that waits for the two files and
+    returns them, none without sensitivities."""
     if not drivers.sensitivities:
-        return []
+        return list
     units = {c.name: c.unit for c in campaign.outcome_columns}
     title = run_title(folder)
     cases, required = shards.CaseColumns(folder), campaign.file.requirements
@@ -164,13 +178,17 @@ def draw_sensitivities(
         by_metric[item.metric] = by_metric.get(item.metric, False) | masks
         of_any |= masks
     violating = {name: by_metric.get(name, of_any)[:, ok] for name in drivers.sensitivities}
-    inputs = {str(name) for table in drivers.sensitivities.values() for name in table.index}
-    rows = {name: column(cases, name)[ok] for name in {*drivers.sensitivities, *inputs}}
     tables, keys = drivers.sensitivities, drivers.keys
-    return [
-        tornado_figure(tables, into, units, keys, title, suffix),
-        scatter_figure(tables, rows, violating, into, units, keys, title, suffix),
-    ]
+    inputs = {
+        str(name)
+        for table in tables.values()
+        for name in leading_inputs(table, SCATTERED_INPUTS).index
+    }
+    rows = {name: column(cases, name)[ok] for name in {*drivers.sensitivities, *inputs}}
+    return submitted(
+        partial(sensitivity_figures, tables, rows, violating, into, units, keys, title, suffix),
+        second,
+    )
 
 
 def draw_attributions(

@@ -1,10 +1,10 @@
 """`sepmc report`: write the report of a run as one HTML page."""
 
-from importlib import import_module
 from pathlib import Path
 
 import click
 
+from sepmc.cli.figures import drawing_process
 from sepmc.cli.options import QUIET, RUN, load_run
 from sepmc.cli.render import logger
 from sepmc.cli.results import check_rows
@@ -46,10 +46,7 @@ def report(folder: Path, no_replay: bool, numbers: list[int], quiet: bool) -> No
       sepmc report runs/windy
       sepmc report runs/windy --replays 3,17
     """
-    from sepmc.processes import processes
-
-    with processes(1) as second:
-        second.submit(import_module, "sepmc.cli.report_content")  # at the same time as here
+    with drawing_process(True) as second:  # imports at the same time as this one
         check_rows(folder)
         for number in numbers:
             check_stored(folder, number, None)

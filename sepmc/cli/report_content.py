@@ -6,6 +6,7 @@ import math
 import shlex
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,9 +32,10 @@ from sepmc.campaign.store import folders, manifests
 from sepmc.campaign.store.shards import CaseColumns
 from sepmc.cli.figures import (
     clearance_bounds,
-    draw_figures,
     event_times,
     ranked_outcomes,
+    start_figures,
+    submitted,
 )
 from sepmc.cli.flight_comparison import read_stored_flight, render_flight
 from sepmc.cli.input_sensitivity import (
@@ -42,11 +44,12 @@ from sepmc.cli.input_sensitivity import (
     draw_attributions,
     draw_sensitivities,
 )
-from sepmc.cli.options import load_run, redundant
+from sepmc.cli.options import redundant
 from sepmc.cli.render import render_accuracy
 from sepmc.cli.results import phases
 from sepmc.report import page
 from sepmc.report.case_points import case_points
+from sepmc.report.drawing import draw_vehicle
 from sepmc.scene.messages import Log, no_log
 from sepmc.scene.model import VIOLATION
 from sepmc.scene.scenarios import BASELINE
@@ -87,27 +90,49 @@ def write_report(
     worst: bool,
     numbers: Sequence[int],
     log: Log,
-    second: Executor,
+    second: Executor | None,
 ) -> Path:
     """Write the report of a run, ``report.html`` in its folder; return the path.
 
     Cases with ``numbers`` are simulated again for it, and, if ``worst``, the worst cases of the
-    requirements. The process ``second`` draws the vehicle and the outcomes meanwhile, and ends.
+    requirements. The process ``second``, if any, draws the vehicle, histograms and sensitivities
+    meanwhile, and ends.
     """
     gc.freeze()  # what imports left: a later collection of it takes 0.15 s
     with TemporaryDirectory() as temporary:
         into = Path(temporary)
-        drawn = second.submit(_draw_run, folder, into)
-        second.shutdown(wait=False)  # it ends while the page is written
+        vehicle = submitted(
+            partial(
+                draw_vehicle,
+                campaign.scene,
+                campaign.file.dispersions,
+                campaign.name,
+                into / "vehicle.svg",
+            ),
+            second,
+        )
         run = run_statistics.read_run(folder, campaign)
+        outcomes = start_figures(
+            folder,
+            campaign,
+            run.summary,
+            run.table,
+            run.verdicts,
+            log=no_log,
+            page=into,
+            converging=True,
+            second=second,
+        )
         drivers = analyse(folder, campaign, run)
+        sensitivities = draw_sensitivities(drivers, folder, campaign, into, ".svg", second)
+        if second is not None:
+            second.shutdown(wait=False)  # it ends while the page is written
         cases = _worst_cases(campaign, run) if worst else {}
         cases |= {number: (f"case {number}", "") for number in numbers if number not in cases}
         content = _content(campaign, run, drivers, folder)
         content.points = _points(campaign, run, folder, content.leading)
         content.replays, content.nominal = _replay(campaign, run, cases, into, log)
-        figures = draw_attributions(drivers, folder, into, ".svg")
-        figures += draw_sensitivities(drivers, folder, campaign, into, ".svg")
+        attributions = draw_attributions(drivers, folder, into, ".svg")
         flight = read_stored_flight(folder)
         flight_figures = []
         if flight is not None:
@@ -115,34 +140,16 @@ def write_report(
 
             content.flight = render_flight(flight, _WIDTH, folder)
             flight_figures.append(draw_flight(flight, into / "telemetry.svg"))
-        path = folder / "report.html"
-        page.write_report(content, path, *drawn.result(), figures, flight_figures)
+        path = page.write_report(
+            content,
+            folder / "report.html",
+            [vehicle()],
+            outcomes(),
+            attributions + sensitivities(),
+            flight_figures,
+        )
         manifests.record_derived(folder, [path])
         return path
-
-
-def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
-    """Draw the vehicle and the outcomes of a run into the folder ``into``; return the paths of the
-    figures of the vehicle, and of those of the outcomes."""
-    from sepmc.report.drawing import draw_vehicle
-
-    gc.freeze()
-    campaign = load_run(folder)
-    run = run_statistics.read_run(folder, campaign)
-    vehicle = draw_vehicle(
-        campaign.scene, campaign.file.dispersions, campaign.name, into / "vehicle.svg"
-    )
-    outcomes = draw_figures(
-        folder,
-        campaign,
-        run.summary,
-        run.table,
-        run.verdicts,
-        log=no_log,
-        page=into,
-        converging=True,
-    )
-    return [vehicle], outcomes
 
 
 def _content(

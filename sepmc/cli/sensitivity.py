@@ -70,7 +70,7 @@ def sensitivity(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None
     causes = failure_attribution.attribution_table(drivers.attributions)
     folders.write_text(folder / "causes.csv", causes.to_csv(index=False))
     if not no_plots:
-        written += draw_sensitivities(drivers, folder, campaign, folder)
+        written += draw_sensitivities(drivers, folder, campaign, folder)()
     manifests.record_derived(folder, written)
     for path in written:
         click.echo(path)

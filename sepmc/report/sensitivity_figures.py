@@ -198,7 +198,7 @@ def _region_lines(one: Attribution, keys: Mapping[str, str]) -> list[str]:
     ]
 
 
-_DOTS, _INPUTS = 1500, 3  # cases drawn; inputs per outcome
+_DOTS, SCATTERED_INPUTS = 1500, 3  # cases drawn; inputs per outcome
 _WIDE = 24  # 9 pt letters along an ordinate
 _LACKS = "cases that lack a required outcome and count as violations (at the edge if without value)"
 
@@ -232,7 +232,7 @@ def scatter_figure(
     sensitivities, folder, units, keys, about, suffix
         As for `tornado_figure`.
     rows : mapping of column to ndarray, shape (n,)
-        Inputs and outcomes in the ok cases.
+        Outcomes and their leading inputs in the ok cases.
     violating : mapping of outcome to ndarray, shape (2, n), bool
         True in the first row for cases that violate the requirement on the outcome, or any
         requirement if there is none on it, all drawn as crosses; in the second row for those that
@@ -244,14 +244,14 @@ def scatter_figure(
     Path
         The file written, ``scatter`` + suffix in the folder.
     """
-    figure, axes = make_axes(len(sensitivities), _INPUTS, (4.0, 2.7))
+    figure, axes = make_axes(len(sensitivities), SCATTERED_INPUTS, (4.0, 2.7))
     for row, (outcome, table) in enumerate(sensitivities.items()):
         violates, lacks = violating[outcome]
-        leading = leading_inputs(table, _INPUTS)
+        leading = leading_inputs(table, SCATTERED_INPUTS)
         lacks = lacks & ~violates
         without = lacks & np.isnan(rows[outcome])
         unit = units.get(outcome, "")
-        for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
+        for k, ax in enumerate(axes[SCATTERED_INPUTS * row : SCATTERED_INPUTS * (row + 1)]):
             if k >= len(leading):
                 ax.remove()
                 continue
@@ -285,3 +285,21 @@ def scatter_figure(
                 ax.set_ylabel(fill(label, _WIDE), fontsize=9)
     set_title(figure, f"Outcomes over their leading inputs\n{about}")
     return save(figure, make_folder(folder) / f"scatter{suffix}")
+
+
+def sensitivity_figures(
+    sensitivities: Mapping[str, pd.DataFrame],
+    rows: Mapping[str, np.ndarray],
+    violating: Mapping[str, np.ndarray],
+    folder: Path,
+    units: Mapping[str, str],
+    keys: Mapping[str, str],
+    about: str,
+    suffix: str = ".png",
+) -> list[Path]:
+    """Draw `tornado_figure` and `scatter_figure`, with the arguments of the latter; return the
+    files written."""
+    return [
+        tornado_figure(sensitivities, folder, units, keys, about, suffix),
+        scatter_figure(sensitivities, rows, violating, folder, units, keys, about, suffix),
+    ]
