@@ -12,7 +12,12 @@ from scipy import stats
 import sepmc
 from sepmc.analysis.failure_attribution import attribute_failures
 from sepmc.analysis.failure_attribution import render_attribution as causes_text
-from sepmc.analysis.sensitivity import input_sensitivities, leading_inputs, render_sensitivities
+from sepmc.analysis.sensitivity import (
+    _ranks,
+    input_sensitivities,
+    leading_inputs,
+    render_sensitivities,
+)
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
 from sepmc.cli import app
 from sepmc.report import sensitivity_figures
@@ -501,3 +506,9 @@ def test_cases_without_a_required_outcome_are_marked(tmp_path, drawn):
     assert (lacking.get_xdata(), lacking.get_ydata()) == (a[1985], y[1985])
     assert (edge.get_xdata(), edge.get_ydata()) == (a[1990], 0.0)
     assert lacking.get_label() == edge.get_label()
+
+
+def test_ranks_of_equal_values_are_their_mean():
+    rng = np.random.default_rng(3)
+    x = np.array([rng.normal(size=200), rng.integers(0, 5, 200), np.zeros(200)])
+    assert np.array_equal(_ranks(x), [stats.rankdata(row) for row in x])

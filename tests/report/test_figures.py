@@ -8,7 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator, FixedLocator
 from numpy.testing import assert_allclose
 from scipy import stats
 
@@ -18,7 +20,7 @@ from sepmc.report.bench_figures import _peers
 from sepmc.report.figures import band_figures, histogram_figures
 from sepmc.report.history_figures import run_figures
 from sepmc.report.sensitivity_figures import attribution_figure
-from sepmc.report.style import _columns, make_axes, save, set_title
+from sepmc.report.style import _columns, lay_out, make_axes, save, set_panel_title, set_title
 
 UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
 REFERENCE = {"upper_alpha_deg": {"mean": 4.06, "sigma": 0.67, "min": 2.42, "max": 5.93}}
@@ -696,3 +698,36 @@ def test_the_unit_of_a_density_is_not_clipped(tmp_path, drawn):
         label, panel = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
         assert ax.get_ylabel().endswith("logarithmic")
         assert label.height <= 1.05 * panel.height
+
+
+@pytest.mark.parametrize(("locator", "times"), [(FixedLocator([0.0, 3.0]), 1), (AutoLocator(), 2)])
+def test_a_layout_measures_panels_again_only_if_ticks_change(monkeypatch, locator, times):
+    """A label of the ordinate that takes most of the width leaves room for fewer ticks."""
+    measured = []
+
+    def measure(ax, *arguments, _measure=Axes.get_tightbbox, **options):
+        measured.append(ax)
+        return _measure(ax, *arguments, **options)
+
+    monkeypatch.setattr(Axes, "get_tightbbox", measure)
+    figure, (ax,) = make_axes(1, 1, (4.0, 3.0))
+    ax.plot([0.0, 3.7], [0.0, 1.0])
+    ax.xaxis.set_major_locator(locator)
+    ax.yaxis.set_major_locator(FixedLocator([0.0, 1.0]))
+    ax.set_ylabel("an ordinate\n" * 12)
+    lay_out(figure)
+    assert len(measured) == times
+    box = ax.get_tightbbox(figure.canvas.get_renderer())
+    assert np.all(box.min >= 0.0)
+    assert np.all(box.max <= figure.bbox.max)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e9])
+def test_titles_of_panels_keep_off_powers_of_ten(scale):
+    figure, (ax,) = make_axes(1, 1, (3.0, 2.0))
+    ax.plot([0.0, 1.0], [0.0, scale])
+    set_panel_title(ax, "A title that is as wide as the axes", 9)
+    figure.draw_without_rendering()
+    title, power = (text.get_window_extent() for text in (ax.title, ax.yaxis.get_offset_text()))
+    assert bool(ax.yaxis.get_offset_text().get_text()) == (scale > 1.0)
+    assert title.y0 >= (power.y1 if scale > 1.0 else ax.get_window_extent().y1)
