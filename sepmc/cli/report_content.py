@@ -4,7 +4,7 @@ import gc
 import json
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -95,8 +95,8 @@ def write_report(
     """Write the report of a run, ``report.html`` in its folder; return the path.
 
     Cases with ``numbers`` are simulated again for it, and, if ``worst``, the worst cases of the
-    requirements. The process ``second``, if any, draws the vehicle, histograms and sensitivities
-    meanwhile, and ends.
+    requirements. The process ``second``, if any, draws the vehicle, histograms, sensitivities and
+    cases meanwhile, and ends.
     """
     gc.freeze()  # what imports left: a later collection of it takes 0.15 s
     with TemporaryDirectory() as temporary:
@@ -125,13 +125,13 @@ def write_report(
         )
         drivers = analyse(folder, campaign, run)
         sensitivities = draw_sensitivities(drivers, folder, campaign, into, ".svg", second)
-        if second is not None:
-            second.shutdown(wait=False)  # it ends while the page is written
         cases = _worst_cases(campaign, run) if worst else {}
         cases |= {number: (f"case {number}", "") for number in numbers if number not in cases}
         content = _content(campaign, run, drivers, folder)
         content.points = _points(campaign, run, folder, content.leading)
-        content.replays, content.nominal = _replay(campaign, run, cases, into, log)
+        replays, content.nominal = _replay(campaign, run, cases, into, log, second)
+        if second is not None:
+            second.shutdown(wait=False)  # it ends while the page is written
         attributions = draw_attributions(drivers, folder, into, ".svg")
         flight = read_stored_flight(folder)
         flight_figures = []
@@ -140,11 +140,13 @@ def write_report(
 
             content.flight = render_flight(flight, _WIDTH, folder)
             flight_figures.append(draw_flight(flight, into / "telemetry.svg"))
+        outcome_figures = outcomes()
+        content.replays = [replay() for replay in replays]
         path = page.write_report(
             content,
             folder / "report.html",
             [vehicle()],
-            outcomes(),
+            outcome_figures,
             attributions + sensitivities(),
             flight_figures,
         )
@@ -335,13 +337,15 @@ def _replay(
     cases: dict[int, tuple[str, str]],
     into: Path,
     log: Log,
-) -> tuple[list[page.CaseReplay], dict[str, Any] | None]:
-    """Simulate cases again, and draw them over time into the folder ``into``.
+    second: Executor | None,
+) -> tuple[list[Callable[[], page.CaseReplay]], dict[str, Any] | None]:
+    """Simulate cases again, and draw them over time into the folder ``into``, in the process
+    ``second`` if there is one.
 
     ``cases`` has, by case number, the title of its replay and the reason for it, with which the log
-    message "running case N again" ends. Returns the replays of these cases, and the replay data of
-    the nominal case; an empty list and None without cases. An accuracy finer than a figure can show
-    is replaced by a coarser one.
+    message "running case N again" ends. Returns for each of these cases a function that waits for
+    its figures and returns its replay, and the replay data of the nominal case; an empty list and
+    None without cases. An accuracy finer than a figure can show is replaced by a coarser one.
     """
     if not cases:
         return [], None
@@ -352,22 +356,33 @@ def _replay(
     solver, every_s = campaign.scene.solver, campaign.scene.run.end_time / _ROWS
     if solver.step is None and solver.accuracy < _ACCURACY:
         campaign = campaign.with_settings({"solver.accuracy": _ACCURACY})
-    replays = []
+    replays: list[Callable[[], page.CaseReplay]] = []
     for number, (title, reason) in cases.items():
         log(f"running case {number} again{reason}")
         case = campaign.case(number, run.manifest["seed"])
         history = campaign.simulate(case, every_s, log)
-        figures = run_figures(
-            history,
-            into / str(number),
-            campaign.layout.bodies,
-            list(campaign.layout.joints),
-            suffix=".svg",
-            only=_PAGES,
-            required=clearance_bounds(campaign),
-            marks=event_times(history.attrs),
+        figures = submitted(
+            partial(
+                run_figures,
+                history,
+                into / str(number),
+                campaign.layout.bodies,
+                list(campaign.layout.joints),
+                suffix=".svg",
+                only=_PAGES,
+                required=clearance_bounds(campaign),
+                marks=event_times(history.attrs),
+            ),
+            second,
         )
         data = replay_data(history, case.scene, title, number) if len(history) else None
-        replays.append(page.CaseReplay(number, title, figures, data))
+        replays.append(partial(_case_replay, number, title, figures, data))
     nominal = campaign.simulate(None, every_s, log)
     return replays, replay_data(nominal, campaign.nominal().scene, "nominal case")
+
+
+def _case_replay(
+    number: int, title: str, figures: Callable[[], list[Path]], data: dict[str, Any] | None
+) -> page.CaseReplay:
+    """Return the replay of a case, whose ``figures`` are waited for."""
+    return page.CaseReplay(number, title, figures(), data)

@@ -57,26 +57,33 @@ def make_folder(folder: Path) -> Path:
     return folder
 
 
+# of width or height: in smaller axes, a number at an end could reach beyond the pad around them
+_SHRUNK = 0.9
+
+
 class _Panel(Axes):
     """Axes that a layout measures once. A constrained layout measures the space that labels need
     around the axes, gives the axes a size, and measures again, as the size determines the ticks. If
-    the ticks are those of the first measurement, so is the space."""
+    the ticks are those of the first measurement, so is the space, unless the axes have texts or
+    became smaller."""
 
-    _measured: tuple[list[float], np.ndarray] | None = None
+    _measured: tuple[list[float], np.ndarray, np.ndarray] | None = None
 
     def get_tightbbox(
         self, renderer: RendererBase | None = None, *, for_layout_only: bool = False, **options: Any
     ) -> Bbox | None:
         """Return the box around axes and labels, in pixels; every second one for a layout is that
-        of the call before, moved with the axes, if the ticks have not changed."""
+        of the call before, moved with the axes, if they need the same space."""
         ticks = [*self.get_xlim(), *self.get_xticks(), *self.get_ylim(), *self.get_yticks()]
-        axes, measured = np.array(self.get_window_extent().extents), self._measured
-        self._measured = None
-        if for_layout_only and measured is not None and measured[0] == ticks:
-            return Bbox.from_extents(*axes + measured[1])
+        axes, measured = self.get_window_extent(), self._measured
+        size, self._measured = np.array(axes.size), None
+        if for_layout_only and measured is not None:
+            ticks_before, size_before, space = measured
+            if ticks == ticks_before and np.all(size >= _SHRUNK * size_before):
+                return Bbox.from_extents(*axes.extents + space)
         box = super().get_tightbbox(renderer, for_layout_only=for_layout_only, **options)
-        if for_layout_only and box is not None:
-            self._measured = ticks, box.extents - axes
+        if for_layout_only and box is not None and not self.texts:
+            self._measured = ticks, size, np.subtract(box.extents, axes.extents)
         return box
 
 

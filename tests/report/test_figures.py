@@ -700,9 +700,18 @@ def test_the_unit_of_a_density_is_not_clipped(tmp_path, drawn):
         assert label.height <= 1.05 * panel.height
 
 
-@pytest.mark.parametrize(("locator", "times"), [(FixedLocator([0.0, 3.0]), 1), (AutoLocator(), 2)])
-def test_a_layout_measures_panels_again_only_if_ticks_change(monkeypatch, locator, times):
-    """A label of the ordinate that takes most of the width leaves room for fewer ticks."""
+@pytest.mark.parametrize(
+    ("locator", "lines", "text", "times"),
+    [
+        (FixedLocator([0.0, 3.0]), 1, "", 1),
+        (FixedLocator([0.0, 3.0]), 12, "", 2),
+        (AutoLocator(), 4, "", 2),
+        (FixedLocator([0.0, 3.0]), 1, "beyond the axes", 2),
+    ],
+)
+def test_a_layout_measures_panels_again_only_if_needed(monkeypatch, locator, lines, text, times):
+    """If the ticks change, if a label of many lines makes the axes smaller, or if they have texts,
+    which move with the width."""
     measured = []
 
     def measure(ax, *arguments, _measure=Axes.get_tightbbox, **options):
@@ -711,10 +720,12 @@ def test_a_layout_measures_panels_again_only_if_ticks_change(monkeypatch, locato
 
     monkeypatch.setattr(Axes, "get_tightbbox", measure)
     figure, (ax,) = make_axes(1, 1, (4.0, 3.0))
-    ax.plot([0.0, 3.7], [0.0, 1.0])
+    ax.plot([0.0, 7.0], [0.0, 1.0])
+    if text:
+        ax.text(3.5, 0.5, text)
     ax.xaxis.set_major_locator(locator)
     ax.yaxis.set_major_locator(FixedLocator([0.0, 1.0]))
-    ax.set_ylabel("an ordinate\n" * 12)
+    ax.set_ylabel("an ordinate\n" * lines)
     lay_out(figure)
     assert len(measured) == times
     box = ax.get_tightbbox(figure.canvas.get_renderer())
