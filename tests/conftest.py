@@ -1,8 +1,13 @@
 """Scenes and settings shared by test files."""
 
 import gc
+import os
 import tomllib
 from collections import Counter
+
+# Read when numpy is imported: beside other busy processes, threads that wait for one another take
+# up to ten times as long as one.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from oracles.random_scenes.interpreted import run_interpreted
