@@ -202,8 +202,9 @@ def with_constant_values(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
-    """Render the constant outcomes of a table of `with_constants`, except yes-or-no ones, as lines
-    ``name: constant value unit (reason)``; ``units`` maps outcomes to units."""
+    """Render the constant outcomes of a table of `with_constants`, except yes-or-no ones: a line
+    for each, with its name, a colon and the text of `render_constant`. ``units`` maps outcomes to
+    units."""
     return [
         f"{name}: {render_constant(table, name, units)}"
         for name in map(str, table.index)

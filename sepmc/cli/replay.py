@@ -74,9 +74,10 @@ def replay(
 def _select(folder: Path, campaign: "Campaign", way: str, target: str) -> tuple[int, str]:
     """Select a case of a run; return its number, and the end of a sentence that says why.
 
-    ``way`` is the option worst, min, max or nearest, and ``target`` its value: a requirement for
-    worst, an outcome for min and max, OUTCOME:AT for nearest. Raises InputError if ``target`` names
-    none of these or no case can be selected, StoreError if the folder is damaged.
+    ``way`` is the option worst, min, max or nearest, and ``target`` its value: for worst the name
+    or metric of a requirement; for min and max an outcome, input or audit column; for nearest such
+    a column, a colon, and a percentile (p99.73), ``mean`` or a value. Raises InputError if
+    ``target`` is none of these or no case can be selected, StoreError if the folder is damaged.
     """
     from sepmc.campaign import run_statistics
     from sepmc.campaign.execution import replay

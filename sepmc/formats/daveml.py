@@ -144,9 +144,10 @@ def _chosen(
     chosen: Collection[str],
     quantities: Collection[str],
 ) -> list[_Function]:
-    """Return the functions without those of a coefficient for which the option ``columns`` names
-    another variable: ``chosen`` are the varIDs and ``quantities`` the coefficients and axes that it
-    names. Raises FormatError if two of the others give one coefficient."""
+    """Return the functions to read: each whose variable is in ``chosen``, the varIDs that the
+    option ``columns`` names, and each other one unless its coefficient is in ``quantities``, the
+    coefficients and axes that ``columns`` names. Raises FormatError if two of these other ones give
+    the same coefficient."""
     kept, coefficients = [], set[str]()
     for each in functions:
         title = _title(variables[each.result])

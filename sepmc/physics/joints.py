@@ -20,7 +20,8 @@ from sepmc.physics import vec3
 @formula
 def across(e, y):
     """Unit vector that is normal to the unit vector ``e`` and, among those, nearest to ``y``. If
-    y is along e, see `vec3.unit`.
+    y is along e, it is meaningless or not finite in a kernel; called directly from Python, the
+    function may raise ZeroDivisionError.
 
     With e the x axis of a joint it is the y axis of the joint. Checked against
     `sepmc.scene.kinds.joint_axes`.

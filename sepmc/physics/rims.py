@@ -55,7 +55,8 @@ def rim_gap(rim, shell, margin):
     Returns
     -------
     distance : float
-        m; infinite if no point of the rim lies between the ends, NaN if a number is NaN.
+        m; infinite if no point of the rim lies between the ends, or ``length`` or ``margin`` is
+        NaN; NaN if another number is NaN.
     on_rim, on_wall : tuple of 3 float
         Nearest points of the rim and of the wall, m; without meaning if the distance is not finite.
     """

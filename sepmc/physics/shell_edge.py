@@ -46,7 +46,8 @@ def edge_gap(edge, part):
     Returns
     -------
     distance : float
-        m; 0 if some of the circle is within the solid, NaN if a number is NaN.
+        m; 0 if some of the circle is within the solid. NaN if a position, an axis or ``length`` is
+        NaN, but infinite if only a radius is NaN.
     on_edge, on_part : tuple of 3 float
         Nearest points.
     """
@@ -103,7 +104,8 @@ def arc_gap(arc, part, limit):
     -------
     distance : float
         m; 0 if some of the arc is within the part, ``limit`` if no point of the arc is nearer than
-        that, NaN if a number is NaN.
+        that. NaN if a position, an axis, ``length`` or ``limit`` is NaN; a radius or ``width`` that
+        is NaN is not noticed.
     angle : float
         Angle of the nearest point from the first point of the arc, rad; 0 if no point is nearer
         than ``limit``.

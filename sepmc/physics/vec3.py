@@ -45,7 +45,8 @@ def unit(a):
 @formula
 def perpendicular(a):
     """Some unit vector normal to a: a x e, normalised, where e is the axis along which a has the
-    component of smallest size. If a is zero, see `unit`."""
+    component of smallest size. If a is zero, it is not finite in a kernel; called directly from
+    Python, the function raises ZeroDivisionError."""
     x, y, z = abs(a[0]), abs(a[1]), abs(a[2])
     smallest_axis = (
         (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))

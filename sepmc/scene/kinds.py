@@ -77,7 +77,7 @@ def leaves_pins_sliding(rows: tuple[int, ...]) -> bool:
 def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
     """Orthonormal right-handed joint axes x, y, z, one after the other, shape (9,), from a vector
     along x and one whose part normal to it is along y; in the axes of these two, which need no unit
-    length. NaN if they are parallel or zero."""
+    length. NaN if one is zero; y and z are NaN or round-off if the two are parallel."""
     x = np.array(x_axis) / np.linalg.norm(x_axis)
     y = np.array(y_axis) - x * (x @ np.array(y_axis))
     y /= np.linalg.norm(y)

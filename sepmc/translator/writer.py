@@ -68,8 +68,8 @@ class Writer:
         return Number(POINTER, name)
 
     def phi(self, ways: list[tuple[Number, str]]) -> Number:
-        """Add an instruction, at the start of the current block, that chooses a number by the block
-        from which control came; return the chosen number.
+        """Add an instruction that chooses a number by the block from which control came; return the
+        chosen number. The current block must have no instruction yet but others of this kind.
 
         ``ways`` has a pair (number, label of the block) for each block that can jump to the current
         one; all numbers have the same type. No instruction is added if all numbers are equal.

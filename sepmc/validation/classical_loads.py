@@ -162,8 +162,8 @@ class Body:
     def loads(
         self, t: float, t_mid: float, height: float, R: Array, v: Array
     ) -> tuple[Array, Array]:
-        """External force, N, and moment about the mass centre, N m, both (3,) in body axes, at time
-        t, s.
+        """Force, N, and moment about the mass centre, N m, of gravity, motors and air, both (3,) in
+        body axes, at time t, s.
 
         Height in m, attitude R from body to ground, velocity v over ground, m/s, ground axes. A
         motor acts if it burns at ``t_mid``, s, the middle of an interval of integration without

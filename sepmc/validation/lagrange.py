@@ -334,8 +334,9 @@ class _Simulation:
         return of_a, of_b
 
     def loads(self, t: float, y: Array) -> list[tuple[Array, Array]]:
-        """External force, N, and moment about the mass centre, N m, on A and on B, each in its body
-        axes, at time t, s, and the state vector ``y`` (36,)."""
+        """External force, N, and moment about the mass centre, N m, of gravity, motors and air on A
+        and on B, each in its body axes, at time t, s, and the state vector ``y`` (36,), of joined
+        or of free bodies."""
         return [
             body.loads(
                 t, self.t_mid, self.altitude + self.velocity[1] * t + x[1], r, self.velocity + v
@@ -345,7 +346,7 @@ class _Simulation:
 
     def accelerate(self, t: float, y: Array) -> Accelerations:
         """Accelerations of the joined pair and the reaction of its joint, at time t, s, and the
-        state vector ``y`` (36,)."""
+        state vector ``y`` (36,), which has the fields of `Motion`."""
         return accelerate(self.pair, self.kinds[self.kind], self.motion(y), self.loads(t, y))
 
     def reaction(self) -> tuple[Array, Array]:

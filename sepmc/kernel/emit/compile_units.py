@@ -46,10 +46,11 @@ class CompileUnit:
 
 
 class _Module:
-    """Syntax trees of a kernel, given as source text: its ``functions`` and other ``definitions``
-    by name, and its whole ``numbers`` by name. Of each function that is a compile unit, ``codes``
-    has the letters of the argument types, and ``indices`` the position in the table of addresses;
-    ``order`` has the positions of the definitions."""
+    """Syntax trees of a kernel, given as source text: by name its ``functions``, its other
+    ``definitions`` (assignments and imports at the top level), and the whole ``numbers`` among
+    these, with LANES. Of each function that is a compile unit, ``codes`` has the letters of the
+    argument types, and ``indices`` the position in the table of addresses. ``order`` has the
+    position of each of the ``definitions`` among them; functions do not count."""
 
     def __init__(self, text: str):
         module = ast.parse(text)

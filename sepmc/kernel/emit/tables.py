@@ -294,7 +294,8 @@ def cell_sum_lines(
     Parameters
     ----------
     cell, point, values : str
-        workspace fields of the cell, of the point and of the computed values
+        workspace fields of the cell, of the point (coordinates along the axes, not from the cell's
+        start), and of the computed values
     functions : int
         number of functions in the table
     counts : list of int
