@@ -257,10 +257,10 @@ def _emit_table(
     a cell, also write to ``out`` the kernel function ``sum_CELL(w)``, which sums the table values.
 
     ``start`` is the index of the packed table among the shared numbers; ``cell``, ``point`` and
-    ``values`` are the fields of cell, point and result. A case outside the table ends with
-    the status ``leaves``. Cells of tables with kinks change at the ends of steps only
-    (`sepmc.kernel.emit.cells`), but one that is still empty is loaded here: other tables and
-    signals read values at the start, before the first step.
+    ``values`` are the fields of the cell, of the point (coordinates along the axes) and of the
+    result. A case outside the table ends with the status ``leaves``. Cells of tables with kinks
+    change at the ends of steps only (`sepmc.kernel.emit.cells`), but one that is still empty is
+    loaded here: other tables and signals read values at the start, before the first step.
     """
     functions, counts = int(c.spec.layout.model.numbers[start]), _basis_counts(c, start)
     if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
