@@ -389,7 +389,7 @@ class Campaign(Definition):
         ----------
         cases : int, str or iterable of int, optional
             Number of cases; or case numbers, as integers or as text, ``"25:50,73"`` (25 to 49, and
-            73). Default: the cases of the file.
+            73). Default: those of the sample table, else the first ``run.cases``.
         seed : int, optional
             Default: the seed of the file.
         threads : int, optional

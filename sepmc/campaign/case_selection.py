@@ -1,5 +1,5 @@
-"""Selection of cases of a campaign: the number of cases, ``10000``, or case numbers,
-``25:50,73``."""
+"""Selection of cases of a campaign: the number of cases, ``10000`` (0 to 9999), or case numbers,
+``25:50,73`` (25 to 49, and 73)."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -68,8 +68,8 @@ class CaseSelection:
         return any(first <= number < end for first, end in self.ranges)
 
     def __str__(self) -> str:
-        """Case numbers as `read` and `parse` take them, such as ``25:50,73``. A single case is
-        ``73:74``, as ``73`` alone is a number of cases."""
+        """Case numbers as `read` and `parse` take them, such as ``25:50,73`` (25 to 49, and 73). A
+        single case is ``73:74``, as ``73`` alone is a number of cases."""
         is_one_range = len(self.ranges) == 1
         return ",".join(
             str(a) if b == a + 1 and not is_one_range else f"{a}:{b}" for a, b in self.ranges
@@ -142,8 +142,9 @@ class CaseSelection:
 
 
 def parse(text: str) -> CaseSelection:
-    """Return the selection of the case numbers in the manifest of a run, ``25:50,73``. A lone
-    ``73``, which earlier versions wrote, is case 73. Raises InputError if it is no such text."""
+    """Return the selection of the case numbers in the manifest of a run, ``25:50,73`` (25 to 49,
+    and 73). A lone ``73``, which earlier versions wrote, is case 73. Raises InputError if it is no
+    such text."""
     return _of_numbers(text, InputError(f"cases = {text}: {_ALLOWED}"))
 
 

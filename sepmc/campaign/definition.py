@@ -385,7 +385,7 @@ class Definition:
         ----------
         cases : int, str, iterable of int or CaseSelection, optional
             A number of cases (the first ones, also of a sample table) or case numbers; see
-            `sepmc.campaign.case_selection.read`. The cases of the file if None.
+            `sepmc.campaign.case_selection.read`. Those of `numbers` if None.
 
         Returns
         -------
@@ -413,7 +413,10 @@ class Definition:
             selection = CaseSelection.of(inputs.numbers[:selection])
         fixed = inputs is not None or self.scene.run.sampler in SIZE_DEPENDENT
         if fixed and (missing := selection.count - selection.count_common(of_file)):
-            message = f"{missing} of them are not among {of_file}, the cases of the file"
+            message = (
+                f"{missing} of them are not among {of_file}, the cases of the sample table or, "
+                "without one, of run.cases"
+            )
             raise InputError(f"cases = {selection}: {message}")
         total = max(of_file.end, selection.end)
         self.sampling_of(total)

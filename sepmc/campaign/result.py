@@ -388,7 +388,9 @@ class Result:
         """
         number, numbers = check_int("case", number, 0, CASES - 1), self._finished
         if number not in numbers:
-            raise InputError(f"case = {number}: must be one of those run, {numbers}")
+            raise InputError(
+                f"case = {number}: must be one of those run, {numbers} (A:B is without B)"
+            )
         case = self.campaign.case(number, self.seed, self.total)
         run = msgspec.structs.replace(case.scene.run, cases=self.total, seed=self.seed)
         return replace(case, scene=msgspec.structs.replace(case.scene, run=run))

@@ -90,7 +90,7 @@ def simulate_single(campaign: "Campaign", single: SingleRun, log: "Log") -> int:
     for name, value in [*case.inputs.items(), *outcomes.items()]:
         log(f"  {name:44s} {value:.9g}")
     if number is not None and number not in campaign.numbers:
-        log(f"case {number} is not among those of the file ({campaign.numbers})")
+        log(f"case {number} is not in the campaign, cases {campaign.numbers} (A:B is without B)")
     warn(*attributes["notes"], *([] if number is None else undispersed(campaign)))
     error = render_case_error(attributes["outcomes"], attributes["errors"], campaign)
     if error is not None:
@@ -212,7 +212,9 @@ def check_stored(
         )
     count, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in parse(which):
-        raise folders.StoreError(f"{path}: contains cases {which}; --case {number} is none of them")
+        raise folders.StoreError(
+            f"{path}: contains cases {which}; --case {number} is none of them (A:B is without B)"
+        )
     if not which and isinstance(count, int) and number >= count:
         raise folders.StoreError(
             f"{path}: contains cases 0 to {count - 1}; --case {number} is none of them"

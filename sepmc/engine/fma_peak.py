@@ -1,5 +1,5 @@
-"""Loop that reaches the peak rate of fused multiply-adds of this machine, an upper bound for the
-rate of a kernel."""
+"""Loop, compiled by numba, that reaches the peak rate of fused multiply-adds of this machine, an
+upper bound for the rate of a kernel."""
 
 import numpy as np
 from numba import njit, prange

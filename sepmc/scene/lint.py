@@ -319,7 +319,7 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
                     f"{key_path} pulls with {pull:.4g} N before its stroke is over{where}: "
                     f"force_N = {of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} "
                     f"times {key} = {extension[at]:.4g}{of_table}; give push_only = true if "
-                    "it cannot pull, and factor = 0 to one that fails"
+                    "it cannot pull, and factor = 0 (not force_N = 0) if it fails"
                 )
                 break
 

@@ -93,6 +93,6 @@ def _is_mirror(a: Body, b: Body, axis: int) -> bool:
 
 
 def _same(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    """True if the numbers of two tuples agree to 1e-9 of the largest."""
+    """True if the numbers of two tuples agree to 1e-9 of their largest magnitude."""
     size = max(map(abs, (*one, *other)))
     return all(abs(x - y) <= _SAME * size for x, y in zip(one, other, strict=True))

@@ -212,7 +212,8 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
 
 
 def _missing(field: Field) -> str:
-    """Text for a message that names a missing key, with its first unit, or a missing table."""
+    """Name of a missing key or table in a message: ``'mass_kg'``, with its first unit, or ``table
+    [body]``, ``table [[phase]]``."""
     if field.table or field.table_of_tables:
         return f"table [{field.name}]"
     if field.array_of_tables:

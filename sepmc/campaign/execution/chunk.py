@@ -25,7 +25,8 @@ class SampleSpec:
 
     @property
     def text(self) -> str:
-        """Case numbers as text, such as ``25:50,73``; empty if they are all cases of the sample."""
+        """Case numbers as text, such as ``25:50,73`` (25 to 49, and 73); empty if they are all
+        cases of the sample."""
         all_of_them = self.numbers.are_first and self.total == self.numbers.count
         return "" if all_of_them else str(self.numbers)
 

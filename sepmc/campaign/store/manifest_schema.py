@@ -98,9 +98,10 @@ class _Manifest(Struct):
     each command that ran cases; ``accuracy`` is on steps and numerical errors (None if unknown);
     ``notes`` are those for the user.
 
-    ``cases`` is the number of wanted cases; ``numbers`` are their case numbers, as 25:50,73, if
-    they are not all ``of`` cases of the sample. ``complete`` is True once all of them have run.
-    ``stats_only`` is True if case rows are not stored, except those that the rules ``keep`` select.
+    ``cases`` is the number of wanted cases; ``numbers`` are their case numbers, as 25:50,73
+    (25 to 49, and 73), if they are not all ``of`` cases of the sample. ``complete`` is True once
+    all of them have run. ``stats_only`` is True if case rows are not stored, except those that the
+    rules ``keep`` select.
     ``n_stored`` is the number of rows in the folder without those, ``failures`` that of cases not
     ok, ``implausible_inertias`` that of cases with an inertia that no body can have. ``min_at_end``
     and ``missing`` are numbers of cases by clearance and by event (`BatchSummary`). ``until`` is

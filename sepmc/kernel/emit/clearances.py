@@ -276,5 +276,6 @@ def _quaternion(s: State, body: str) -> Any:
 
 def _power_field(q: int) -> str:
     """Workspace path of the coefficients (a state vector) of power ``q`` of the elapsed fraction,
-    in the polynomial of the state over the step just made."""
+    in the polynomial of the state over the step just made. The fraction is that of LENGTH: it ends
+    at REACH, below 1 if the step was cut short."""
     return f"POWERS + {q} * SIZE_Y" if q else "BEGIN"

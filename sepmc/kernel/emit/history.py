@@ -1,4 +1,5 @@
-"""Emitter of histories: separations over time, or full rows with all quantities."""
+"""Emitter of histories: separations at equal time intervals, or full rows with all quantities at
+requested instants."""
 
 import math
 from typing import Any

@@ -40,7 +40,8 @@ def time_field(kink: str) -> str:
 
 def _tolerance(numbers: list[Any]) -> Any:
     """Largest distance from zero at which a switching function counts as zero, where it is the
-    difference (or sum) of the given ``numbers``: 1e-12 of the largest one, but at least 1e-12."""
+    difference (or sum) of the given ``numbers``: 1e-12 of their largest magnitude, but at least
+    1e-12."""
     size: Any = max([1.0, *(abs(x) for x in numbers if not isinstance(x, Expr))])
     for x in numbers:
         if isinstance(x, Expr):
