@@ -34,8 +34,8 @@ class CaseSelection:
 
     @classmethod
     def of_ranges(cls, ranges: Iterable[tuple[int, int]]) -> "CaseSelection":
-        """Make a selection of ranges (first, end), which may be in any order and overlap; none may
-        be empty, as this is not checked. Ranges that touch become one."""
+        """Make a selection of ranges (first, end) without ``end``, which may be in any order and
+        overlap; none may be empty, as this is not checked. Ranges that touch become one."""
         merged: list[tuple[int, int]] = []
         for first, end in sorted(ranges):
             if merged and first <= merged[-1][1]:

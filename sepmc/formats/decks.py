@@ -234,6 +234,8 @@ def _grid(
 
 
 def _where(points: dict[str, np.ndarray], cell: int, shape: tuple[int, ...]) -> str:
+    """Place of a cell in a table, for messages: "mach = 0.8, alpha = 4 deg". ``cell`` is its flat
+    index in a table of this ``shape``; ``points`` are the values of the axes, angles in rad."""
     cell_index = np.unravel_index(cell, shape)
     return ", ".join(
         f"{name} = {math.degrees(x):g} deg" if name != "mach" else f"{name} = {x:g}"

@@ -19,7 +19,7 @@ _PER_DEGREE = 180.0 / math.pi
 _ODD = {"alpha": ("normal", "pitch", "roll"), "beta": ("side", "yaw", "roll")}
 _ODD_RATES = {"alpha": ("q", "p"), "beta": ("p", "r")}
 _LATERAL = ("roll", "yaw")  # moments that decks divide by the span
-_ZERO = 1e-9  # of the largest value: an odd coefficient at zero
+_ZERO = 1e-9  # of the largest magnitude: an odd coefficient at zero
 
 
 def convert_aerodynamics(key_path: str, aero: dict[str, Any], problems: Problems) -> list[str]:

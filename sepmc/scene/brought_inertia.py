@@ -18,7 +18,7 @@ DIRECTIONS = {
 }
 _OURS = "forward-up-right"
 _PAIRS = ((0, 1), (0, 2), (1, 2))
-_SYMMETRIC = 1e-6  # of the largest entry: larger differences are no round-off
+_SYMMETRIC = 1e-6  # of the largest magnitude of an entry: larger differences are no round-off
 
 
 def convert_inertia(key_path: str, body: dict[str, Any], problems: Problems) -> list[str]:

@@ -75,6 +75,8 @@ def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
 
 
 def _mode_text(stats_only_before: bool, keep: str) -> str:
+    """How a run stores rows, as the end of a clause: "storing all rows", "saving the rows
+    failed" (by ``keep``, the rules as text), or, with statistics alone, "with --stats-only"."""
     return (
         f"saving the rows {keep}"
         if keep

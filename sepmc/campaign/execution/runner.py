@@ -306,9 +306,9 @@ class Runner:
         folders.remove_temporary_shards(self.folder)
 
     def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
-        """Yield ranges (first, end) of the cases ``left``, each for one of the ``workers``: some
-        seconds long, and at least four for each worker. If statistics are accumulated, ranges are
-        whole accumulation blocks (`ACCUMULATION_BLOCK` cases)."""
+        """Yield ranges (first, end), without ``end``, of the cases ``left``, each for one of the
+        ``workers``: some seconds long, and at least four for each worker. If statistics are
+        accumulated, ranges are whole accumulation blocks (`ACCUMULATION_BLOCK` cases)."""
         block_size = ACCUMULATION_BLOCK if self.options.stats_only else 1
         max_size = max(block_size, -(-left.count // (_RANGES_PER_WORKER * workers)))
         max_size = min(
