@@ -151,7 +151,8 @@ class DesignResult:
 
     @property
     def notes(self) -> list[str]:
-        """Notes for the user on the numerical error, such as an accuracy that is not met."""
+        """Note for the user, a list of one, if the accuracy is not met or unknown; else empty
+        (`accuracy_notes`)."""
         return accuracy_notes(self.accuracy, self.integration.step is not None)
 
     def statistics(self) -> pd.DataFrame:

@@ -145,14 +145,17 @@ def _frame(segment: Segment) -> tuple[str, float]:
     bodies."""
     center = segment.metadata.get("CENTER_NAME", "").upper()
     if center != "EARTH":
-        raise FormatError(f"line {segment.line}: CENTER_NAME is {shorten(center)}; must be EARTH")
+        raise FormatError(
+            f"segment at line {segment.line}: CENTER_NAME is {shorten(center)}; must be EARTH"
+        )
     frame = segment.metadata.get("REF_FRAME", "").upper()
     if frame in _INERTIAL:
         return frame, _EARTH_RATE
     if frame.startswith("ITRF") or frame in ("TDR", "GRC", "ECEF"):
         return frame, 0.0
     raise FormatError(
-        f"line {segment.line}: REF_FRAME is {shorten(frame)}; must be {', '.join(_INERTIAL)}, "
+        f"segment at line {segment.line}: "
+        f"REF_FRAME is {shorten(frame)}; must be {', '.join(_INERTIAL)}, "
         "ITRF..., TDR or GRC"
     )
 
@@ -175,7 +178,7 @@ def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
         mean = velocities[pair].mean(axis=0)
         if np.linalg.norm(chord - mean) > _DISAGREEMENT * np.linalg.norm(mean):
             raise FormatError(
-                f"line {segment.line}: about the epoch, positions change by "
+                f"segment at line {segment.line}: about the epoch, positions change by "
                 f"{np.linalg.norm(chord) / 1e3:.6g} km/s where velocities are "
                 f"{np.linalg.norm(mean) / 1e3:.6g} km/s; are rows missing?"
             )
@@ -185,7 +188,8 @@ def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
     distance = float(np.linalg.norm(position))
     if not 0.9 * _RADIUS < distance < 100.0 * _RADIUS:
         raise FormatError(
-            f"line {segment.line}: a distance of {distance / 1e3:.6g} km from the centre of the "
+            f"segment at line {segment.line}: "
+            f"a distance of {distance / 1e3:.6g} km from the centre of the "
             "Earth is too small or too large; positions are in km"
         )
     return position, velocity
@@ -278,13 +282,15 @@ def _direction(segment: Segment, version: str, frame: str) -> bool:
               if not is_body]  # fmt: skip
     if sum(bodies) != 1 or others != [_SAME.get(frame, frame)]:
         raise FormatError(
-            f"line {segment.line}: is an attitude between {frames[0]} and {frames[1]}; must be of "
+            f"segment at line {segment.line}: "
+            f"is an attitude between {frames[0]} and {frames[1]}; must be of "
             f"SC_BODY and the frame of the trajectory, {frame}"
         )
     direction = segment.metadata.get("ATTITUDE_DIR", "A2B" if version[0] != "1" else "").upper()
     if direction not in ("A2B", "B2A"):
         raise FormatError(
-            f"line {segment.line}: ATTITUDE_DIR is missing or unknown; must be A2B or B2A"
+            f"segment at line {segment.line}: "
+            "ATTITUDE_DIR is missing or unknown; must be A2B or B2A"
         )
     return bodies[0] == (direction == "A2B")
 
@@ -303,19 +309,22 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
         order = segment.metadata.get("QUATERNION_TYPE", "LAST" if version[0] != "1" else "").upper()
         if order not in ("FIRST", "LAST"):
             raise FormatError(
-                f"line {segment.line}: QUATERNION_TYPE is missing or unknown; must be FIRST or "
+                f"segment at line {segment.line}: "
+                "QUATERNION_TYPE is missing or unknown; must be FIRST or "
                 "LAST, where the scalar part stands"
             )
         if rows.shape[1] < 4:
             raise FormatError(
-                f"line {segment.line}: has rows of {rows.shape[1]} numbers after the time: "
+                f"segment at line {segment.line}: "
+                f"has rows of {rows.shape[1]} numbers after the time: "
                 "ATTITUDE_TYPE QUATERNION needs 4 or more, the quaternion first"
             )
         quaternions = rows[:, :4]
         norms = np.linalg.norm(quaternions, axis=1)
         if np.abs(norms - 1.0).max() > 1e-3:
             raise FormatError(
-                f"line {segment.line}: has a quaternion of length {norms.max():.6g}, not 1"
+                f"segment at line {segment.line}: "
+                f"has a quaternion of length {norms.max():.6g}, not 1"
             )
         if order == "FIRST":
             quaternions = np.roll(quaternions, -1, axis=1)
@@ -323,14 +332,16 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
     if kind.startswith("EULER_ANGLE"):
         if rows.shape[1] < 3:
             raise FormatError(
-                f"line {segment.line}: has rows of {rows.shape[1]} numbers after the time: "
+                f"segment at line {segment.line}: "
+                f"has rows of {rows.shape[1]} numbers after the time: "
                 "ATTITUDE_TYPE EULER_ANGLE needs 3 or more, the angles first"
             )
         sequence = segment.metadata.get("EULER_ROT_SEQ", "").upper()
         axes = "".join(_EULER.get(letter, "") for letter in sequence)
         if len(axes) != 3 or len(sequence) != 3 or axes[0] == axes[1] or axes[1] == axes[2]:
             raise FormatError(
-                f"line {segment.line}: EULER_ROT_SEQ is {shorten(sequence)}; must be three "
+                f"segment at line {segment.line}: "
+                f"EULER_ROT_SEQ is {shorten(sequence)}; must be three "
                 "axes of 1, 2, 3 (or X, Y, Z), neighbours different, such as 321"
             )
         return (
@@ -338,5 +349,6 @@ def _rotations(segment: Segment, version: str) -> tuple[Rotation, str]:
             f"angles in the order of EULER_ROT_SEQ {sequence}",
         )
     raise FormatError(
-        f"line {segment.line}: ATTITUDE_TYPE is {shorten(kind)}; must be QUATERNION or EULER_ANGLE"
+        f"segment at line {segment.line}: "
+        f"ATTITUDE_TYPE is {shorten(kind)}; must be QUATERNION or EULER_ANGLE"
     )

@@ -201,7 +201,8 @@ def _attitude_cells(state: Element, segment: Segment) -> list[str]:
         return _cells(state, _QUATERNION)
     if not kind.startswith("EULER_ANGLE"):
         raise FormatError(
-            f"line {segment.line}: ATTITUDE_TYPE is {shorten(kind)}; must be QUATERNION or "
+            f"segment at line {segment.line}: "
+            f"ATTITUDE_TYPE is {shorten(kind)}; must be QUATERNION or "
             "EULER_ANGLE"
         )
     rotations = next(state.all("rotationAngles"), None)

@@ -83,7 +83,7 @@ def _named(key_path: str, table: Any, kind: str, owner: dict[str, Any]) -> Table
 
 def read_files(tree: dict[str, Any], folder: Path, problems: Problems) -> list[str]:
     """Replace, in place, each key ``file`` of a campaign and its options by keys with the contents
-    of that file.
+    of that file; if it cannot be read, remove them.
 
     Parameters
     ----------

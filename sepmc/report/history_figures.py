@@ -82,8 +82,8 @@ def run_figures(
     marks: Mapping[str, float] | None = None,
 ) -> list[Path]:
     """Draw the motion, forces and clearances of one case over time, a file for each kind. Thin
-    lines mark the phases, named above; dotted and dashed vertical lines mark releases and events,
-    named in the legend.
+    lines mark the phases, named above; dotted or dashed vertical lines mark releases and events,
+    named in the legend. The line style does not say which of both a mark is.
 
     Parameters
     ----------
@@ -366,7 +366,7 @@ _MARK_STYLES = ((0, (1, 1)), (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (1, 3)))
 
 def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
     """Draw a vertical line at the time, s, of each of the ``marks`` within the axes; marks near
-    each other share a line style and a legend entry."""
+    each other share a line style and a legend entry. Styles follow each other in order of time."""
     begin, end = ax.get_xlim()
     groups: list[list[tuple[float, str]]] = []
     for time, name in sorted((time, to_words(name)) for name, time in marks.items()):

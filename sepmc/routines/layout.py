@@ -114,8 +114,8 @@ PEAK_POINTS = 15  # points of a step for the mean of a magnitude
 # scratch numbers of `peaks.update_between`: coefficients of three components, sizes at the nodes
 PEAK_SCRATCH = 4 * PEAK_NODES
 
-# Content of a scene and positions of its blocks: integers that a kernel reads through one pointer
-# (as arguments they would be copied at every call).
+# Counts of the elements of a scene and positions of their data (`Model.scene`): integers that a
+# kernel reads through one pointer (as arguments they would be copied at every call).
 STRUCTURE = np.dtype(
     (
         np.record,

@@ -120,8 +120,8 @@ def _span(numbers, axis, x):
 
 @routine
 def _coefficients(numbers, axis):
-    """Return the number of coefficients along the axis whose data start at numbers[axis]; 1 for an
-    axis of one point."""
+    """Return the number of spline coefficients along a whole axis: its number of spans plus 3, or 1
+    for an axis of one point. ``axis`` is the position in ``numbers`` of the data of the axis."""
     return int(numbers[axis]) + 3 if numbers[axis] > 0.0 else 1
 
 

@@ -106,7 +106,7 @@ class SizePlan:
 
 
 def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, list[float]]:
-    """Parse ``KEY=LOW:HIGH``, or with ``counts`` = 1 ``KEY=LOW:HIGH:COUNT``.
+    """Parse ``KEY=LOW:HIGH``, or with ``counts`` = 1 ``KEY=LOW:HIGH:COUNT``; KEY is not checked.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, 
         raise InputError(f"{name} = {text}: must be {form}") from None
     low, high = numbers[:2]
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise InputError(f"{name} = {text}: LOW and HIGH must be finite, and rise")
+        raise InputError(f"{name} = {text}: LOW and HIGH must be finite, and LOW below HIGH")
     return key.strip(), numbers
 
 

@@ -1,4 +1,6 @@
-"""Lint of aerodynamics: signs, units and tables that are probably not meant."""
+"""Lint of aerodynamics and of all angles: angles and slopes that are probably in another unit,
+coefficients of the other sign, tables of half an axis or transposed ones. The angles are those of
+the initial state, of motors and of aerodynamic tables."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +21,8 @@ Array = np.ndarray
 
 
 def lint_aerodynamics(scene: Scene) -> Iterator[str]:
-    """Yield findings on angles and aerodynamic coefficients of a scene.
+    """Yield findings on a scene: on angles of the initial state and of motors, and on aerodynamic
+    coefficients and tables.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
-"""Checks of tables, springs, loads and outputs of a scene: names that exist, columns of equal
-length, axes that rise. Every check adds what it finds to ``problems``."""
+"""Checks of tables, springs, loads, outlines, clearances and outputs of a scene: names that exist,
+columns of equal length, axes that rise. Every check adds what it finds to ``problems``."""
 
 import itertools
 import math

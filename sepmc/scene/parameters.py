@@ -41,7 +41,8 @@ class Parameter:
 
     @property
     def column(self) -> str:
-        """Name of its column in the table of cases: ``in_body_upper_cg_x_mm``."""
+        """Name of its column in the table of cases, ``in_body_upper_cg_x_mm``: "in_", the path with
+        dots and hyphens as underscores, and the unit."""
         stem = "in_" + self.path.replace(".", "_").replace("-", "_")
         return f"{stem}_{self.unit}" if self.unit else stem
 

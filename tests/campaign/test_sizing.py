@@ -223,7 +223,7 @@ def test_a_variable_names_what_is_allowed(text):
 
 @pytest.mark.parametrize("ends", ["2:1", "1:1", "1:inf", "nan:2"])
 def test_a_range_is_finite_and_rises(ends):
-    with pytest.raises(InputError, match="LOW and HIGH must be finite, and rise"):
+    with pytest.raises(InputError, match="LOW and HIGH must be finite, and LOW below HIGH"):
         parse_variable(f"push=a.b_N={ends}")
 
 

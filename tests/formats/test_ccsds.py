@@ -194,8 +194,8 @@ def test_campaign_has_the_state_and_its_own_keys(tmp_path):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (("EARTH", "MARS"), "line 5: CENTER_NAME is 'MARS'; must be EARTH"),
-        (("EME2000", "RTN"), "line 5: REF_FRAME is 'RTN'"),
+        (("EARTH", "MARS"), "segment at line 5: CENTER_NAME is 'MARS'; must be EARTH"),
+        (("EME2000", "RTN"), "segment at line 5: REF_FRAME is 'RTN'"),
         (("2026-03-01T00:00:10.000", "yesterday"), "line 12: 'yesterday' is no epoch"),
         (("6500.0", "6500.0x"), "line 12: .* is no row of numbers"),
         (("6500.0", "nan"), "line 12: .* not finite"),

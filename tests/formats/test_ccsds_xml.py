@@ -111,7 +111,7 @@ def test_message_within_an_ndm():
         ("oem", ("<Z>4.7</Z>", '<Z units="m">4700</Z>'), "<Z> is in 'm'; must be km"),
         ("oem", ("<Z>4.7</Z>", "<Z>4,7</Z>"), "line 6: .* is no row of numbers"),
         ("oem", ("stateVector", "state"), "has no segment with rows"),
-        ("aem", ("EULER_ANGLE", "SPIN"), "line 2: ATTITUDE_TYPE is 'SPIN'"),
+        ("aem", ("EULER_ANGLE", "SPIN"), "segment at line 2: ATTITUDE_TYPE is 'SPIN'"),
         ("aem", ('"Z_ANGLE"', '"X_ANGLE"'), "<rotation1> has angle = 'X_ANGLE', but EULER"),
     ],
 )

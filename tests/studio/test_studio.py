@@ -346,7 +346,7 @@ def test_command_line(monkeypatch):
         refused = CliRunner().invoke(main, [*arguments, "--port", str(taken)])
     assert refused.exit_code == 2
     assert f"--port = {taken}: cannot be used" in refused.stderr
-    for vary, message in (("a=1:2:3", "KEY=LOW:HIGH"), ("a=2:1", "must be finite, and rise")):
+    for vary, message in (("a=1:2:3", "KEY=LOW:HIGH"), ("a=2:1", "LOW below HIGH")):
         refused = CliRunner().invoke(main, ["studio", "table2", "--vary", vary])
         assert refused.exit_code == 2
         assert message in refused.stderr

@@ -1,5 +1,5 @@
-"""Notes for the user on a campaign and its results, as sentences: unmet accuracy, bodies that do
-not separate, loads without effect."""
+"""Notes for the user on a campaign and its results, as sentences: probable mistakes in the file,
+the sample, the nominal case, and cases that failed or did not reach the accuracy."""
 
 import math
 from collections import Counter
@@ -36,7 +36,9 @@ _MIN_COSINE = 0.5  # of the angle between thrust and direction to the other body
 
 
 def file_notes(campaign: Definition) -> list[str]:
-    """Notes on probable mistakes in a campaign file, found without integrating a case."""
+    """Notes on probable mistakes in a campaign file, found without integrating a case: settings
+    that change the nominal case only, findings of `lint_scene`, loads without effect
+    (`idle_loads`), and tables whose spline overshoots. Requirements are not examined."""
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
         *campaign.file.no_effect,
@@ -47,7 +49,8 @@ def file_notes(campaign: Definition) -> list[str]:
 
 
 def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
-    """Notes on the file and on the nominal case of a campaign.
+    """Notes on the file (`file_notes`) and on joints whose bodies end on the wrong side of each
+    other in the nominal case (`reversed_joints`).
 
     Parameters
     ----------

@@ -389,7 +389,9 @@ def _violating_inputs(campaign: Definition, estimate: Estimate) -> dict[str, tup
 def _notes(
     evaluator: MarginEvaluator, known: Estimate, of_all: Estimate, rare_values: list[RareValue]
 ) -> list[str]:
-    """Notes on an estimate for the user, as sentences.
+    """Notes on an estimate for the user, as sentences: on its levels and rare values, cases of
+    which it is not known whether they violate, failed audits, a probability that is not small, the
+    inertias, the numerical error, the clearances and missing events.
 
     ``evaluator`` has run all cases and counted them. ``known`` is the estimate for violating cases,
     ``of_all`` that for these and the cases without a margin; ``rare_values`` are from

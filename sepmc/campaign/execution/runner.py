@@ -505,7 +505,9 @@ class Runner:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on the run so far for the user, as sentences."""
+        """Notes on the run so far for the user, as sentences: on the sample, its inertias and rare
+        values, the numerical error, the clearances and missing events, workers of several kinds,
+        why the run stopped; then those of ``flight`` that are not yet among them."""
         achieved, fixed = self.accuracy, self.campaign.scene.solver.step is not None
         note = implausible_note(self.summary.implausible, self.n_complete)
         notes = [

@@ -259,8 +259,9 @@ class Context:
 
     @property
     def model(self) -> Any:
-        """Record of the scene's counts and the positions of its blocks
-        (`sepmc.routines.layout.STRUCTURE`)."""
+        """Record of the scene (`sepmc.routines.layout.STRUCTURE`): counts of its elements, and
+        positions of their data. The end of a name says in which array
+        (`sepmc.routines.layout.Model`): ``loads_p`` is an index in the parameters of a case."""
         return self.spec.layout.model.scene[0]
 
     def start(self, field: str, value: float) -> None:

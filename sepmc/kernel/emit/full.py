@@ -31,7 +31,9 @@ def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
 
 
 def _size(segment: Segment, bodies: list[str]) -> int:
-    """Number of unknowns of the full system of a segment; ``bodies`` are all moving bodies."""
+    """Number of unknowns of the full system of a segment: the six accelerations of each of
+    ``bodies``, all moving bodies, and force and moment at both ends of each joint that
+    constrains."""
     return _OF_BODY * len(bodies) + _OF_JOINT * len(_constraining_joints(segment))
 
 

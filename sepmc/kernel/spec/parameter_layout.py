@@ -363,7 +363,8 @@ def _model(
     gusty: bool,
     dispersed: frozenset[str],
 ) -> at.Model:
-    """Counts, positions of blocks, and shared numbers of a scene, as a kernel reads them.
+    """Counts of the elements of a scene, positions of their data, and the numbers that all cases
+    share, as a kernel reads them.
 
     ``order`` are the bodies in the order of `body_order`; ``starts`` the indices of the parameter
     blocks, to which those of interval data are added in place; ``size_p`` is the number of
