@@ -151,7 +151,7 @@ class DesignResult:
 
     @property
     def notes(self) -> list[str]:
-        """Note for the user, a list of one, if the accuracy is not met or unknown; else empty
+        """Note for the user, a list of one, if the accuracy is not met or is unknown; else empty
         (`accuracy_notes`)."""
         return accuracy_notes(self.accuracy, self.integration.step is not None)
 

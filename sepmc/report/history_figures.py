@@ -83,7 +83,7 @@ def run_figures(
 ) -> list[Path]:
     """Draw the motion, forces and clearances of one case over time, a file for each kind. Thin
     lines mark the phases, named above; dotted or dashed vertical lines mark releases and events,
-    named in the legend. The line style does not say which of both a mark is.
+    named in the legend. The style does not say whether it is a release or an event.
 
     Parameters
     ----------
