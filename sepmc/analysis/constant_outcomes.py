@@ -214,8 +214,9 @@ def render_constants(table: pd.DataFrame, units: Mapping[str, str] | None = None
 
 def render_constant(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
     """Render a constant outcome as its value, or as undetermined for the time or place of a flat
-    extreme, with the reason why it counts as constant; ``units`` maps outcomes to units: an outcome
-    that it lacks, and any if it is None, is rendered without one."""
+    extreme, with the reason why it counts as constant. ``table`` is from `with_constants`, ``name``
+    the outcome. ``units`` maps outcomes to units: an outcome that it lacks, and any if it is None,
+    is rendered without one."""
     mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
     unit = "" if unit == "1" else f" {unit}"

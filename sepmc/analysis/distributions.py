@@ -115,11 +115,12 @@ def fit_distributions(
         ``n``, the number of finite values; ``skewness`` and excess ``kurtosis``, with the standard
         errors ``skewness_se`` and ``kurtosis_se`` that they have in normal samples; ``normal_p``,
         the p value of a normal distribution; ``distribution``, a key of `DISTRIBUTIONS`: the
-        nearest one, its ``location`` and ``scale`` (of the logarithm for lognormal and Weibull),
-        its p value ``p``, and its quantiles ``p0_135`` and ``p99_865`` in the outcome's unit.
+        nearest one (of largest likelihood), its ``location`` and ``scale`` (of the logarithm for
+        lognormal and Weibull), its p value ``p``, and its quantiles ``p0_135`` and ``p99_865`` in
+        the outcome's unit.
         P values are limited to 0.01 and 0.25. ``distribution`` is `CONSTANT` for the ``constant``
         outcomes, `TOO_FEW` for one with fewer than `MIN_CASES` values and `DISCRETE` for one with
-        fewer than n / 2 distinct values; all columns but ``n`` are then NaN.
+        fewer than n / 2 distinct values; all other columns but ``n`` are then NaN.
     """
     ok = ok_rows(cases)
     table_rows = [

@@ -101,7 +101,8 @@ class TableStatistics:
         audit : DataFrame
             From `audit`.
         sampler : str
-            Value of ``run.sampler``.
+            Value of ``run.sampler``. With any but "random", as with a failed audit, requirements
+            get no verdict, only the reason (`sepmc.analysis.requirements.no_verdict_reason`).
 
         Returns
         -------

@@ -183,7 +183,7 @@ def leading_inputs(table: pd.DataFrame, count: int) -> pd.DataFrame:
 
 def order_description(table: pd.DataFrame, count: int) -> str:
     """Return in words the rule by which `leading_inputs` selects and orders the inputs, as ``by
-    first-order index (lower bound), then by shift of the mean``; ``count`` is as there."""
+    first-order index (lower bound), then by shift of the mean``; arguments are as there."""
     has_intervals = table["first_low"].notna().any()
     rule = f"by {'first-order index' if has_intervals else 'shift of the mean'} (lower bound)"
     return rule + ("" if len(table) <= count else ", then by shift of the mean")

@@ -444,7 +444,8 @@ def _sigma_notes(
 
 def _mixing_notes(table: pd.DataFrame, cases: int) -> list[str]:
     """Return a note if the ``cases`` of the posterior sample depend on each other so much that they
-    are worth few independent ones of some parameter; else an empty list."""
+    are worth few independent ones of some parameter; else an empty list. ``table`` is
+    `Estimation.table`."""
     effective = table.set_index("parameter")["effective_cases"]
     if effective.min() >= _MIXED * cases:
         return []

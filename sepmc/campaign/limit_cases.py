@@ -198,8 +198,8 @@ class _LimitSearch:
 
     @staticmethod
     def _changed(levels: np.ndarray, k: int, to: int) -> np.ndarray:
-        """Return a copy of levels (d,) in which input ``k`` has the level ``to``, -1 to 8 as in
-        `_LimitSearch`."""
+        """Return a copy of levels (d,), codes from -1 to 8 (`_LimitSearch`), in which input ``k``
+        has level ``to``."""
         changed = levels.copy()
         changed[k] = to
         return changed

@@ -162,7 +162,8 @@ def density_in_layer(height, base):
 @formula
 def _log_temperature_ratio(height, base):
     """Return three numbers: the geopotential height h above the base of a layer, m'; the relative
-    change of temperature from the base, z = L h / T0; and ln(1 + z) / z.
+    change of temperature from the base, z = L h / T0; and ln(1 + z) / z. ``height`` is geometric,
+    m; ``base`` has the data of the layer, from `layer`.
 
     The pressure follows from -ln(p / p0) = (g M / R) h / T0 ln(1 + z) / z, with or without a lapse
     rate: eqs (33a) and (33b) in one. ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a

@@ -38,14 +38,15 @@ def arm(cg, point):
 
 @formula
 def flight_direction(path_angle, path_yaw):
-    """Unit vector of the velocity, ground axes.
+    """Unit vector of the velocity, ground axes: (cos theta cos sigma, sin theta cos sigma, -sin
+    sigma).
 
     Parameters
     ----------
     path_angle : float
-        Climb angle, rad.
+        theta, path pitch, rad: of its part in the x-y plane, from x toward y (up).
     path_yaw : float
-        Azimuth from x towards -z, rad.
+        sigma, rad: from the x-y plane toward -z (left). It is the azimuth only if theta is 0.
 
     Returns
     -------

@@ -139,7 +139,8 @@ def load_outline(w, out, source, parts):
 
 @routine
 def _part(p, cg, w):
-    """Return the part of a body's outline whose numbers are stored at w[p] (`from_layout`)."""
+    """Return the part of a body's outline whose numbers are stored at w[p] (`from_layout`, also for
+    ``cg``)."""
     return from_layout((w[p], vec3.get(w, p + 1), w[p + 4], w[p + 5], w[p + 6]), cg)
 
 

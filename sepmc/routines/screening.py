@@ -63,7 +63,8 @@ def screen_motion(w, screen, powers):
 def _bound_changes(w, out, first, count):
     """Store, in all lanes, a bound of the change over a step of a vector of ``count`` numbers of
     the poses, estimated from its differences between them (`clearances.greatest_rate`). ``first``
-    is the position of its first number in the first pose."""
+    is the position of its first number in the first pose, ``out`` that of the bound; the component
+    after ``out`` is scratch."""
     for l in range(LANES):
         w[out + l] = w[out + LANES + l] = 0.0
     for n in range(2, at.POSES):
@@ -84,9 +85,9 @@ def _bound_changes(w, out, first, count):
 
 @routine
 def screen_parts(w, screen, near, first_a, step_a, count_a, first_b, step_b, count_b):
-    """Mark the pairs of a part of body a and one of body b, and the lanes, that may come nearer
-    than SCREEN_LIMIT (m; NaN: no distance so far) during the step: SCREEN_NEAR becomes 1 in these
-    lanes and stays as it is in others.
+    """Mark, in each lane, the pairs of a part of body a and one of body b that may come nearer than
+    SCREEN_LIMIT (m; NaN: no distance so far) during the step. SCREEN_NEAR, of the whole lane, also
+    becomes 1 where a pair is marked; it is never set to 0 here, so several calls add up.
 
     Parameters
     ----------
@@ -96,8 +97,8 @@ def screen_parts(w, screen, near, first_a, step_a, count_a, first_b, step_b, cou
         Position of the screening, after `screen_motion`; SCREEN_CENTRES has the layout points of
         the centres of mass of bodies a and b.
     near : int
-        Position in w of the mark of each pair, 1 or 0 in each lane: ``count_b`` of the first part
-        of a, then those of its next part.
+        Position in w of the marks of the pairs, which are written, 1 or 0 in each lane: ``count_b``
+        marks of the first part of a, then those of its next part.
     first_a, first_b : int
         Position in w of the first part of each outline, for lane 0.
     step_a, step_b : int

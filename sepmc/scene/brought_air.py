@@ -190,7 +190,9 @@ def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> lis
             )
             continue
         if "direction_deg" in table or "direction_rad" in table:
-            problems.add(f"{where}.from_deg", "stands beside direction_deg: give one of the two")
+            problems.add(
+                f"{where}.from_deg", "stands beside direction_deg or direction_rad: give only one"
+            )
             continue
         value = table.pop("from_deg")
         values = [value] if is_number(value) else _numbers(value)

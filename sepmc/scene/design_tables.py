@@ -168,7 +168,7 @@ def parse_variable(text: str, name: str = "--vary") -> Variable:
 
 def check_variables(variables: Sequence[Variable]) -> None:
     """Raise InputError if there are no or too many design variables, or if a name is used twice or
-    is a constant of formulas."""
+    is that of a constant of formulas (``pi``)."""
     known = [one.name for one in variables]
     if not 1 <= len(known) <= MAX_VARIABLES:
         raise InputError(f"vary: has {len(known)} variables: must have 1 to {MAX_VARIABLES}")

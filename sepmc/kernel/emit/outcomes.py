@@ -275,8 +275,10 @@ def time_fields(c: Context) -> list[tuple[str, int]]:
 
 
 def _other_outcomes(c: Context) -> list[tuple[str, int]]:
-    """Workspace fields of the outcomes whose columns follow those of bodies and joints, in the
-    order of the columns; each with its number of components."""
+    """Workspace fields of the outcomes that follow those in OUTCOMES (of bodies, and separations of
+    joints), in the order of the columns, each with its number of components: from peak loads and
+    clearances to times and relative motion. Audit columns and values that are computed from other
+    outcomes are not included."""
     fields: list[tuple[str, int]] = [
         (field, c.workspace.counts[field])
         for field in ("PEAKS", "GUIDE_OUTCOMES", "CLEARANCES")

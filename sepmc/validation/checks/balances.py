@@ -12,9 +12,9 @@ ROUND_OFF = 1e-11  # relative to the largest cancelling term
 
 
 def no_work() -> list[Line]:
-    """Check that an ideal joint does no work, one line for each joint kind: the power of its forces
-    and moments on its two bodies, the sum of F . v + M . w, is zero relative to the largest term of
-    the sum."""
+    """Check that an ideal joint does no work, one line for each joint kind: in all rows of a
+    simulated run (`nominal_run`) the power of its forces and moments on its two bodies, the sum of
+    F . v + M . w, is zero relative to the largest term of the sum."""
     lines = []
     for kind in KINDS:
         run = nominal_run(kind)
