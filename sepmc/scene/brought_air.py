@@ -56,7 +56,7 @@ def _heights(key_path: str, air: dict[str, Any], problems: Problems) -> list[str
         problems.add(f"{key_path}.{key}", reason)
         return []
     if any(split_unit(k)[0] == "altitude" for k in air):
-        problems.add(f"{key_path}.{key}", "stands beside altitude_m: give one of the two")
+        problems.add(f"{key_path}.{key}", "stands beside an altitude: give one of the two")
         return []
     factor = UNITS["length"][unit]
     del air[key]
