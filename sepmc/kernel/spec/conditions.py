@@ -1,5 +1,5 @@
-"""Conditions that end phases, trigger releases or are only observed, as flat lists in disjunctive
-normal form.
+"""Conditions that end phases, trigger releases or are only observed, and ends of spring strokes, as
+flat lists in disjunctive normal form.
 
 A leaf is one comparison of a quantity with a threshold, a clause is a list of leaves, an event is a
 list of clauses: it occurs when all leaves of at least one of its clauses are met.
