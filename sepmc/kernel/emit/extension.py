@@ -43,15 +43,13 @@ def _emit_make_extension(out: Text, c: Context) -> None:
         text("rates(w, phase)")
         text.components("size")(f"w[K{i + 1} + e + l] = w[D + e + l]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
-    inner = text.components("size")
-    inner("h = w[STEP + e + l]")
-    inner(*(f"k{j + 1} = w[K{j + 1} + e + l]" for j in range(total) if rk.dense[j].any()))
-    for q in range(1, order + 1):
+    for q in range(1, order + 1):  # one loop each: constants of all would not fit into registers
         terms = [
-            f"{coefficient(rk, 'D', q - 1, j)} * k{j + 1}"
+            f"{coefficient(rk, 'D', q - 1, j)} * w[K{j + 1} + e + l]"
             for j in np.flatnonzero(rk.dense[:, q]).tolist()
         ]
-        inner.wrapped(f"w[POWERS + {q} * SIZE_Y + e + l] = h * (", terms, ")")
+        inner = text.components("size")
+        inner.wrapped(f"w[POWERS + {q} * SIZE_Y + e + l] = w[STEP + e + l] * (", terms, ")")
 
 
 def _emit_interpolate(out: Text, c: Context, segment: Segment) -> None:
