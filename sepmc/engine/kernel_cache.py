@@ -16,7 +16,7 @@ from sepmc.kernel.emit.compile_units import kernel_properties, split
 from sepmc.translator.compiler import compile_text
 
 # modules with routines that take seconds to compile
-_SLOW = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
+_SLOW = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.between_nodes")
 _SHORT = 12_000  # characters of source that are compiled before another process has started
 
 

@@ -32,7 +32,7 @@ def first_reached(w, nodes, stride, scratch, threshold):
     Parameters
     ----------
     w, nodes, stride, scratch
-        As in `peaks.update_between`.
+        As in `peaks.put_sizes` and `peaks.size_at`.
     threshold : float
         In the unit of the vector.
 
@@ -93,7 +93,7 @@ def first_crossed(w, nodes, stride, scratch, threshold, side, rising, falling):
     Parameters
     ----------
     w, nodes, stride, scratch
-        As in `peaks.update_between`.
+        As in `peaks.put_sizes` and `peaks.size_at`.
     threshold : float
         In the unit of the vector.
     side : float
@@ -161,7 +161,7 @@ def _crossing(low, high, w, scratch, threshold, side):
 def side_at(w, nodes, stride, scratch, threshold, theta, side):
     """Return the side of a threshold on which the magnitude of a vector is at the fraction
     ``theta`` of a step: 1 below, -1 above. If it is at the threshold, the side where it was last
-    is returned; ``side`` is that before the step. Other arguments as in `peaks.update_between`."""
+    is returned; ``side`` is that before the step. Other arguments as in `first_reached`."""
     noinline()
     set_coefficients(nodes, stride, w, scratch)
     for i in range(COUNT):

@@ -111,8 +111,8 @@ CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57
 # dop853
 PEAK_NODES = 8
 PEAK_POINTS = 15  # points of a step for the mean of a magnitude
-# scratch numbers of `peaks.update_between`: coefficients of three components, sizes at the nodes
-PEAK_SCRATCH = 4 * PEAK_NODES
+# scratch numbers of a lane: coefficients of three components, sizes at the nodes and eight more
+PEAK_SCRATCH = 5 * PEAK_NODES
 
 # Counts of the elements of a scene and positions of their data (`Model.scene`): integers that a
 # kernel reads through one pointer (as arguments they would be copied at every call).

@@ -29,16 +29,16 @@ THETA = 0.5 * (1.0 + _X)  # the same as fractions of the step
 _HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
 # Weights of the values at the nodes: for the coefficients of the polynomial; for its slope at the
 # start and, in reverse order, at the end (into the step both times).
-_COEFFICIENTS = (
+COEFFICIENTS = (
     2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
 )
-SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ _COEFFICIENTS
+SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ COEFFICIENTS
 # Weights of the last coefficient and of slopes, for formulas that loops over lanes inline
-_THETA, _LAST = tuple(THETA.tolist()), tuple(_COEFFICIENTS[-1].tolist())
+_THETA, _LAST = tuple(THETA.tolist()), tuple(COEFFICIENTS[-1].tolist())
 _START_SLOPE, _END_SLOPE = tuple(SLOPE.tolist()), tuple(SLOPE[::-1].tolist())
 # Rule of Gauss and Kronrod for a mean over a step: 15 points from the middle outwards, of which
 # every second one is a point of Gauss's rule (Kronrod 1965; Piessens et al., QUADPACK, 1983)
-_POINTS = (
+_RIGHT_POINTS = (
     0.0, 0.20778495500789847, 0.4058451513773972, 0.5860872354676911,
     0.7415311855993945, 0.8648644233597691, 0.9491079123427585, 0.9914553711208126,
 )  # fmt: skip
@@ -58,31 +58,24 @@ def _on_both_sides(values, sign=1.0):
     return np.array([*(sign * x for x in values[:0:-1]), *values])
 
 
+POINTS = 0.5 + 0.5 * _on_both_sides(_RIGHT_POINTS, -1.0)  # fractions of the step
 KRONROD, GAUSS = 0.5 * _on_both_sides(_KRONROD), 0.5 * _on_both_sides(_GAUSS)
 # weights of the values at the nodes for the value at each point
-BETWEEN = (
-    np.cos(np.outer(np.arccos(_on_both_sides(_POINTS, -1.0)), np.arange(COUNT))) @ _COEFFICIENTS
-)
-# Gauss-Lobatto rule of five nodes on 0 to 1 (Abramowitz and Stegun, 25.4.32).
-_NODE = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
-_WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
+BETWEEN = np.cos(np.outer(np.arccos(2.0 * POINTS - 1.0), np.arange(COUNT))) @ COEFFICIENTS
 # Difference of the rules of Kronrod and Gauss, relative to the largest magnitude, above which a
 # step is halved; and ratio of the smallest to the largest magnitude at the nodes, below which it is
 # halved anyway: near a corner both rules may err alike. Otherwise Kronrod's rule was within 1e-12
 # for 17,000 random vectors.
 _ROUGH, _DIP = 1e-8, 0.6
-# Ratio of the smallest to the largest magnitude at the points of an interval, below which it is
-# halved even if its halves agree: a component may reverse twice between two points.
-_REVERSES = 0.2
 # Tolerances of the integral: relative to the peak so far and, for round-off, to the larger of force
 # and moment (N, N m).
-_AGREE, _NOISE, _HALVINGS = 1e-12, 1e-13, 80
+_AGREE, _NOISE = 1e-12, 1e-13
 NEAR = 0.9  # of the peak so far: a lower magnitude at the nodes cannot reach it between them
 # Slope at an end, relative to the magnitude, per step: a lower one gains less than a tenth of it,
 # and may be round-off.
 _STEEP = 1e-10
 ROUNDS = 40
-_SAME = 1.0 + 1e-13  # ratio of equal magnitudes: a constant load has its peak at its first time
+SAME = 1.0 + 1e-13  # ratio of equal magnitudes: a constant load has its peak at its first time
 _CLOSE = 1e-9  # of a step: tolerance of a peak's time; its value is then accurate to round-off
 
 
@@ -171,51 +164,6 @@ def highest(low, high, w, scratch, ends):
 
 
 @routine
-def _mean(low, high, w, scratch):
-    """Return the mean magnitude of the vector with the coefficients at w[scratch] between the
-    fractions ``low`` and ``high`` of the step, by the Gauss-Lobatto rule of five points; and the
-    smallest and the largest magnitude at these points."""
-    total, smallest, largest = 0.0, math.inf, 0.0
-    for i in range(5):
-        size = size_at(low + _NODE[i] * (high - low), w, scratch)
-        total += _WEIGHT[i] * size
-        smallest, largest = min(smallest, size), max(largest, size)
-    return total, smallest, largest
-
-
-@routine
-def _halved(tolerance, w, scratch):
-    """Return the mean magnitude over the step of the vector with the coefficients at w[scratch].
-
-    An interval is halved until the means of its halves (`_mean`) change the mean over the step by
-    at most ``tolerance``, in the unit of the vector, and the magnitude in it does not come near
-    zero or is too small to matter. A corner takes about twenty halvings; the limit is _HALVINGS.
-    """
-    noinline()
-    total, low, width, budget = 0.0, 0.0, 1.0, _HALVINGS
-    estimate = _mean(0.0, 1.0, w, scratch)[0]
-    while low < 1.0:
-        half = 0.5 * width
-        first, first_smallest, first_largest = _mean(low, low + half, w, scratch)
-        second, second_smallest, second_largest = _mean(low + half, low + width, w, scratch)
-        smallest = min(first_smallest, second_smallest)
-        largest = max(first_largest, second_largest)
-        agrees = abs(0.5 * (first + second) - estimate) * width <= tolerance
-        if smallest < _REVERSES * largest and largest * width > tolerance:
-            agrees = False
-        if budget > 0 and width > 2.0**-24 and not agrees:
-            width, estimate, budget = half, first, budget - 1
-            continue
-        total += half * (first + second)
-        low += width
-        while width < 1.0 and low % (2.0 * width) == 0.0:
-            width *= 2.0
-        if low < 1.0:
-            estimate = _mean(low, low + width, w, scratch)[0]
-    return total
-
-
-@routine
 def put_sizes(nodes, stride, w, sizes):
     """Compute the magnitudes of a vector at the nodes and store them from w[sizes] on. Returns the
     largest magnitude, and the number, from 0, of the first node that has it, to round-off.
@@ -269,7 +217,7 @@ def truncation(nodes):
 
 
 @formula
-def _smaller(a, b):
+def smaller(a, b):
     """Return the smaller of two numbers; b if one of them is NaN."""
     return a if a < b else b
 
@@ -278,20 +226,19 @@ def _smaller(a, b):
 def _higher(largest, theta, size, node):
     """Include one more magnitude, ``size`` at ``node``, in the largest magnitude so far, which is
     at ``theta``. Returns the largest magnitude and where it is; the earlier one stays unless the
-    new one is larger by more than round-off (`_SAME`). Both places are given as fractions of the
+    new one is larger by more than round-off (`SAME`). Both places are given as fractions of the
     step, or both as numbers of nodes."""
-    is_larger = size > _SAME * largest
+    is_larger = size > SAME * largest
     return size if is_larger else largest, node if is_larger else theta
 
 
 @formula
 def _is_inner_summit(previous, current, following):
     """Return 1.0 if the magnitude at a node is higher than at the node before and not lower than at
-    the node after, and exceeds the lower of the two by more than round-off (`_SAME`); else 0.0. The
-    arguments are the magnitudes at the three nodes."""
+    the node after, and exceeds the lower of the two by more than round-off (`SAME`); else 0.0."""
     rises = 1.0 if current > previous else 0.0
     rises = rises if current >= following else 0.0
-    return rises if current > _SAME * _smaller(previous, following) else 0.0
+    return rises if current > SAME * smaller(previous, following) else 0.0
 
 
 @formula
@@ -301,6 +248,15 @@ def _is_end_summit(end, inner, slope):
     value at the end, ``inner`` that at the node, ``slope`` its slope at the end, into the step."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
+
+
+@formula
+def is_uneven(fine, coarse, smallest, largest):
+    """Return 1.0 if the mean magnitude over an interval by Kronrod's rule, ``fine``, may be less
+    accurate than round-off: by that of Gauss's rule, ``coarse``, or since the magnitude comes near
+    a corner; else 0.0. ``smallest`` and ``largest`` are magnitudes in the interval."""
+    uneven = 0.0 if abs(fine - coarse) <= _ROUGH * largest else 1.0
+    return 1.0 if smallest < _DIP * largest else uneven
 
 
 @formula
@@ -328,14 +284,14 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
         Peak, its time and integral after the step.
     tolerance : float
         Above 0 if the integral still lacks this step, since the magnitude may have a corner in it:
-        `update_between` must add the step, with its mean magnitude to this tolerance, in the unit
-        of the magnitude. Else 0.
+        `between_nodes.update` must add the step, with its mean magnitude to this tolerance, in the
+        unit of the magnitude. Else 0.
     has_summit : float
-        1 if a peak may be between the nodes: `update_between` must search for it. Else 0.
+        1 if a peak may be between the nodes: `between_nodes.update` must search for it. Else 0.
     """
     first, second = magnitude(nodes[0]), magnitude(nodes[1])
     before, last = first, second
-    smallest, largest, theta = _smaller(first, second), 0.0, 0.0
+    smallest, largest, theta = smaller(first, second), 0.0, 0.0
     start_slope, end_slope, summits = 0.0, 0.0, 0.0
     for i in _NODES:
         size = magnitude(nodes[i])
@@ -343,18 +299,17 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
         start_slope += _START_SLOPE[i] * size
         end_slope += _END_SLOPE[i] * size
         if i > 1:
-            smallest = _smaller(smallest, size)
+            smallest = smaller(smallest, size)
             summits += _is_inner_summit(before, last, size)
             before, last = last, size
     summits += _is_end_summit(first, second, start_slope) + _is_end_summit(last, before, end_slope)
     peak, peak_time, integral = record
     active = 1.0 if h > GRAIN else 0.0
-    is_higher = active if largest > _SAME * peak else 0.0
+    is_higher = active if largest > SAME * peak else 0.0
     peak = largest if is_higher > 0.0 else peak
     peak_time = t + theta * h if is_higher > 0.0 else peak_time
     tolerance = _AGREE * peak + _NOISE * larger(peak, related)
-    is_rough = 0.0 if abs(fine - coarse) <= _ROUGH * largest else active
-    is_rough = active if smallest < _DIP * largest else is_rough
+    is_rough = active * is_uneven(fine, coarse, smallest, largest)
     is_rough = is_rough if largest > 1e3 * tolerance else 0.0
     smooth = active if is_rough == 0.0 else 0.0
     has_summit = 1.0 if summits > 0.0 else 0.0
@@ -367,44 +322,14 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
 
 
 @routine
-def update_between(w, nodes, stride, scratch, out, tolerance, has_summit, t, h):
-    """Complete the update of the peak and the integral of the magnitude of a vector with a step, in
-    one lane, by what `update_by_nodes` found to be missing between the nodes.
-
-    Parameters
-    ----------
-    w : array
-        Workspace.
-    nodes, stride : int
-        Position of the first component at the first node (the other components LANES apart), and
-        distance from one node to the next.
-    scratch : int
-        Position of PEAK_SCRATCH scratch numbers.
-    out : int
-        Position of three numbers, LANES apart, that are updated: the peak, its time, s, and the
-        integral over time.
-    tolerance, has_summit : float
-        Results of `update_by_nodes` for the step.
-    t, h : float
-        Start and length of the step, s.
-    """
-    noinline()
-    set_coefficients(nodes, stride, w, scratch)
-    if has_summit > 0.0:
-        put_sizes(nodes, stride, w, scratch + 3 * COUNT)
-        _note_summits(scratch + 3 * COUNT, w, scratch, out, t, h)
-    if tolerance > 0.0:
-        w[out + 2 * LANES] += h * _halved(tolerance, w, scratch)
-
-
-@routine
 def update_peak(w, nodes, stride, scratch, out, t, h):
     """Update the peak of the magnitude of a vector, and its time, with a step, in one lane: at the
-    nodes and between them, but without the integral. Arguments as in `update_between`."""
+    nodes and between them, but without the integral. ``out`` is the position of both, LANES apart;
+    t and h are start and length of the step, s; the others are common arguments."""
     noinline()
     sizes = scratch + 3 * COUNT
     largest, node = put_sizes(nodes, stride, w, sizes)
-    if not largest <= _SAME * w[out]:
+    if not largest <= SAME * w[out]:
         w[out], w[out + LANES] = largest, t + THETA[node] * h
     if largest > NEAR * w[out] and _any_rises(sizes, w):
         set_coefficients(nodes, stride, w, scratch)
@@ -423,8 +348,8 @@ def update_min_drive_ratio(w, nodes, stride, ends, scratch, out):
     w : array
         Workspace.
     nodes, stride : int
-        As in `update_between`. A node has 1 + ``ends`` vectors: the separating force and two zeros,
-        then (0, y, z), the load of each pin end.
+        As in `put_sizes`. A node has 1 + ``ends`` vectors: the separating force and two zeros, then
+        (0, y, z), the load of each pin end.
     ends : int
         Number of pin ends: two for each pin.
     scratch : int
@@ -464,7 +389,7 @@ def set_coefficients(nodes, stride, w, scratch):
         for j in range(COUNT):
             total = 0.0
             for i in range(COUNT):
-                total += _COEFFICIENTS[j, i] * w[nodes + i * stride + component * LANES]
+                total += COEFFICIENTS[j, i] * w[nodes + i * stride + component * LANES]
             w[scratch + component * COUNT + j] = total
 
 
@@ -504,5 +429,5 @@ def _note_summits(sizes, w, scratch, out, t, h):
         if rises(sizes, w, i):
             theta = highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch, 0)
             size = size_at(theta, w, scratch)
-            if size > _SAME * w[out]:
+            if size > SAME * w[out]:
                 w[out], w[out + LANES] = size, t + theta * h

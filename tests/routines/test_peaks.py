@@ -10,12 +10,14 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 from support.compiled import compiled
 
-from sepmc.routines import peaks
+from sepmc.routines import between_nodes, peaks
 from sepmc.routines.lanes import LANES, get3, put3
-from sepmc.routines.layout import PEAK_NODES, PEAK_POINTS
+from sepmc.routines.layout import PEAK_NODES, PEAK_POINTS, PEAK_SCRATCH
 
 STRIDE = 3 * LANES
-NODES, SCRATCH, OUT, RELATED, INDICATOR = 0, 10 * STRIDE, 20 * STRIDE, 30 * STRIDE, 35 * STRIDE
+NODES, OUT, RELATED, INDICATOR = 0, 10 * STRIDE, 11 * STRIDE, 12 * STRIDE
+ROUGH, SUMMIT, BEGIN, LENGTH, SCRATCH = (k * STRIDE for k in (13, 14, 15, 16, 20))
+SIZE = SCRATCH + PEAK_SCRATCH * LANES
 NOTHING = (0.0, math.nan, 0.0)
 
 
@@ -42,16 +44,16 @@ def at_nodes(w, t, h):
 
 @compiled
 def update(w, t, h):
-    record, tolerance, has_summit = at_nodes(w, t, h)
+    w[BEGIN], w[LENGTH] = t, h
+    record, w[ROUGH], w[SUMMIT] = at_nodes(w, t, h)
     put3(w, OUT, record)
-    if tolerance > 0.0 or has_summit > 0.0:
-        peaks.update_between(w, NODES, STRIDE, SCRATCH, OUT, tolerance, has_summit, t, h)
+    between_nodes.update(w, NODES, OUT, ROUGH, SUMMIT, BEGIN, LENGTH, SCRATCH)
 
 
 def updated(vector, t=0.0, h=1.0, before=NOTHING):
     """Peak, time and integral after a step with the components ``vector`` (of the fraction of the
     step)."""
-    w = np.zeros(40 * STRIDE)
+    w = np.zeros(SIZE)
     for i, theta in enumerate(peaks.THETA):
         w[NODES + i * STRIDE : NODES + (i + 1) * STRIDE : LANES] = vector(theta)
     w[OUT : OUT + STRIDE : LANES] = before
@@ -187,7 +189,7 @@ def test_random_vectors():
         coefficients[1:] *= 10.0 ** random.uniform(-6.0, 0.0)
         coefficients[0, 0] *= 10.0 ** random.uniform(-3.0, 0.0)
         series = [Chebyshev(c) for c in coefficients]
-        w = np.zeros(40 * STRIDE)
+        w = np.zeros(SIZE)
         for i, theta in enumerate(peaks.THETA):
             w[NODES + i * STRIDE : NODES + (i + 1) * STRIDE : LANES] = [
                 one(2.0 * theta - 1.0) for one in series

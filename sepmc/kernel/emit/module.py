@@ -59,7 +59,7 @@ from sepmc.physics.quat import SINE_SINGULAR
 from sepmc.physics.us1976_table import R0, TOP
 from sepmc.physics.vehicle import arm, flight_direction, inertia_tensor
 from sepmc.physics.wind import wind
-from sepmc.routines import crossings, curves, friction, linear, peaks
+from sepmc.routines import between_nodes, crossings, curves, friction, linear, peaks
 from sepmc.routines.arrays import Arrays, block, get_column, indices, put_columns, record, table
 from sepmc.routines.arrays import vector
 from sepmc.routines.clearances import load_outline, search_clearance

@@ -79,16 +79,17 @@ def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
     """Write the kernel function ``monitor_loads(w, phase)``, which updates, by the step just made,
     the peaks and impulses of joint loads (field PEAKS) and the guide outcomes (field GUIDES).
     ``segments`` are the segments with monitored loads, by number."""
+    if c.output_joints:
+        _emit_update_record(out, c)
     text = out.function(
         "monitor_loads(w, phase: int)",
         "Update peaks and impulses of joint loads by the step just made, in PEAKS.",
     )
     text("node_loads(w, phase)")
     if c.output_joints:
-        for field in ("FINE", "COARSE", "ROUGH", "SUMMIT"):
-            c.workspace.add(field, 1)
+        text.lanes()("w[SPAN + l] = w[REACH + l] * w[LENGTH + l]")
     for k in range(0, 6 * len(c.output_joints), 3):
-        _emit_peak(text, c, k)
+        _update_peak(text, c, k)
     guided = [
         (number, segment)
         for number, segment in segments.items()
@@ -103,25 +104,37 @@ def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
             update_guides(inner.block(f"if phase == {number}:"), c, segment)
 
 
-def _emit_peak(text: Text, c: Context, k: int) -> None:
+def _update_peak(text: Text, c: Context, k: int) -> None:
     """Append lines that update, by the step just made, the peak magnitude, its time and the
     integral of the magnitude of a force or moment; its first component has the number ``k`` both in
-    WRENCHES (the vector) and in PEAKS (peak, time, integral). First all lanes are updated by the
-    nodes, then those in which a peak between nodes must be searched."""
-    numbers = c.node_size
-    nodes, peak, related, indicator = (
-        f"{offset} + l"
-        for offset in (
-            component("WRENCHES", k),
-            component("PEAKS", k),
-            component("PEAKS", _other_peak(k)),
-            c.indicator(c.load_indicators[k // 3]),
-        )
+    WRENCHES (the vector) and in PEAKS (peak, time, integral)."""
+    inner = text.block(f"for i in range({at.PEAK_NODES}):").components("3 * LANES")
+    inner(
+        "w[NODES + 3 * i * LANES + e + l] = "
+        f"w[{component('WRENCHES', k)} + {c.node_size} * i * LANES + e + l]"
     )
+    text.components("3 * LANES")(f"w[RECORD + e + l] = w[{component('PEAKS', k)} + e + l]")
+    text.lanes()(f"w[RELATED + l] = w[{component('PEAKS', _other_peak(k))} + l]")
+    text("update_record(w)")
+    text.components("3 * LANES")(f"w[{component('PEAKS', k)} + e + l] = w[RECORD + e + l]")
+    indicator = f"w[{c.indicator(c.load_indicators[k // 3])} + l]"
+    text.lanes()(f"{indicator} = larger({indicator}, w[TRUNCATION + l])")
+
+
+def _emit_update_record(out: Text, c: Context) -> None:
+    """Write the kernel function ``update_record(w)``, which updates the peak magnitude of a vector,
+    its time and the integral of the magnitude (field RECORD) by the step just made, from the vector
+    at the nodes (field NODES). First all lanes are updated by the nodes, then those in which a
+    corner or a peak between nodes must be searched."""
+    text = out.function(
+        "update_record(w)", "Update peak, its time and integral in RECORD by the vectors in NODES."
+    )
+    c.workspace.add("NODES", 3 * at.PEAK_NODES), c.workspace.add("RECORD", 3)
+    for field in ("RELATED", "TRUNCATION", "SPAN", "FINE", "COARSE", "ROUGH", "SUMMIT"):
+        c.workspace.add(field, 1)
     names = [f"node_{i}" for i in range(at.PEAK_NODES)]
     read_nodes = [
-        f"{name} = get3(w, {component('WRENCHES', i * numbers + k)} + l)"
-        for i, name in enumerate(names)
+        f"{name} = get3(w, {component('NODES', 3 * i)} + l)" for i, name in enumerate(names)
     ]
     vectors = f"({', '.join(names)})"
     text.lanes()("w[FINE + l], w[COARSE + l] = 0.0, 0.0")
@@ -132,23 +145,20 @@ def _emit_peak(text: Text, c: Context, k: int) -> None:
         "w[FINE + l] = w[FINE + l] + peaks.KRONROD[j] * size",
         "w[COARSE + l] = w[COARSE + l] + peaks.GAUSS[j] * size",
     )
-    inner = text.lanes()
-    inner(
-        "h = w[REACH + l] * w[LENGTH + l]",
+    text.lanes()(
+        "h = w[SPAN + l]",
         *read_nodes,
-        f"error = peaks.truncation({vectors}) * h if h > {at.GRAIN} else 0.0",
-        f"w[{indicator}] = larger(w[{indicator}], error)",
+        f"w[TRUNCATION + l] = peaks.truncation({vectors}) * h if h > {at.GRAIN} else 0.0",
         "record, w[ROUGH + l], w[SUMMIT + l] = peaks.update_by_nodes(",
-        f"    {vectors}, w[FINE + l], w[COARSE + l], get3(w, {peak}), w[{related}], "
+        f"    {vectors}, w[FINE + l], w[COARSE + l], get3(w, RECORD + l), w[RELATED + l], "
         "w[BEGIN_T + l], h",
         ")",
-        f"put3(w, {peak}, record)",
+        "put3(w, RECORD + l, record)",
     )
-    inner = text.lanes().block("if w[ROUGH + l] > 0.0 or w[SUMMIT + l] > 0.0:")
-    inner(
-        "h = w[REACH + l] * w[LENGTH + l]",
-        f"peaks.update_between(w, {nodes}, {numbers} * LANES, SCRATCH, {peak}, w[ROUGH + l], "
-        "w[SUMMIT + l], w[BEGIN_T + l], h)",
+    text("missing = False")
+    text.lanes()("missing = missing or w[ROUGH + l] > 0.0 or w[SUMMIT + l] > 0.0")
+    text.block("if missing:")(
+        "between_nodes.update(w, NODES, RECORD, ROUGH, SUMMIT, BEGIN_T, SPAN, SCRATCH)"
     )
 
 
