@@ -280,16 +280,10 @@ class Rows:
 
     def _group_forces(self, multipliers: list[Any]) -> dict[str, Any]:
         """Force on the second body, ground axes, N, of each joint between bodies of one rigid
-        group, by joint: the sum, over its rows that constrain a translation within the group, of
-        multiplier times direction. ``multipliers`` has one for each of ``rows``. Joints whose force
-        is known to be zero are left out."""
-        own: dict[str, Any] = {}
-        for m, one in zip(multipliers, self.rows, strict=True):
-            if one.own:
-                force_before = own.get(one.row.joint, ZERO)
-                own[one.row.joint] = tuple(force_before[i] + m * one.own.e[i] for i in range(3))
+        group, by joint (`own_forces`), given the multiplier of each row. Joints whose force is
+        known to be zero are left out."""
         forces = {}
-        for joint, force in own.items():
+        for joint, force in self.own_forces(multipliers).items():
             if all(isinstance(x, float) for x in force):
                 continue
             r = self.s.attitude(self.bodies[joint][0])
@@ -297,6 +291,18 @@ class Rows:
                 called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
                 for i in range(3)
             )
+        return forces
+
+    def own_forces(self, multipliers: list[Any]) -> dict[str, Any]:
+        """Force on the second body, body axes of the group, N, of each joint between bodies of one
+        rigid group without the ground, by joint: the sum, over its rows that constrain a
+        translation within the group, of multiplier times direction. ``multipliers`` has one for
+        each of ``rows``."""
+        forces: dict[str, Any] = {}
+        for m, one in zip(multipliers, self.rows, strict=True):
+            if one.own:
+                force_before = forces.get(one.row.joint, ZERO)
+                forces[one.row.joint] = tuple(force_before[i] + m * one.own.e[i] for i in range(3))
         return forces
 
     def update_residuals(self) -> None:

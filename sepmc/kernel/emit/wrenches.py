@@ -96,12 +96,33 @@ def store_wrenches(s: State, motion: Motion) -> None:
     field WRENCH. ``motion`` is from `make_wrenches`."""
     s.c.workspace.add("WRENCH", s.c.node_size, optional=True)
     for i, joint in enumerate(s.c.monitored_joints):
-        r = s.attitude(s.spec.scene.joint[joint].bodies[0])
-        for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
-            s.scope.store(
-                component("WRENCH", 6 * i + 3 * k),
-                ZERO if vector is ZERO else vec3.unrotate(r, vector),
-            )
+        first, own = s.spec.scene.joint[joint].bodies[0], _own_forces(motion)
+        force = own[joint] if joint in own else _in_axes_of(s, first, force_of(motion, joint))
+        s.scope.store(component("WRENCH", 6 * i), force)
+        moment = (
+            _moment_of_weld(s, motion, joint)
+            if _is_weld(s, motion, joint)
+            else _in_axes_of(s, first, moment_of(s, motion, joint))
+        )
+        s.scope.store(component("WRENCH", 6 * i + 3), moment)
+
+
+def _in_axes_of(s: State, body: str, vector: Any) -> Any:
+    """Vector in body axes of a body, given in ground axes; `ZERO` stays."""
+    return ZERO if vector is ZERO else vec3.unrotate(s.attitude(body), vector)
+
+
+def _own_forces(motion: Motion) -> dict[str, Any]:
+    """Force on the second body of each joint with rows in the axes of a rigid group, in these axes,
+    N, by joint (`Rows.own_forces`)."""
+    return (
+        motion.system.own_forces(motion.multipliers) if motion.system and motion.multipliers else {}
+    )
+
+
+def _is_weld(s: State, motion: Motion, joint: str) -> bool:
+    """True if the moment of a joint follows from the balance of bodies of its rigid group."""
+    return joint in s.segment.welds and not (motion.min_norm or motion.wrenches)
 
 
 def force_of(motion: Motion, joint: str) -> Any:
@@ -122,8 +143,10 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
     force."""
     if motion.wrenches:
         return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
-    if joint in s.segment.welds and not motion.min_norm:
-        return _moment_of_weld(s, motion, joint)
+    if _is_weld(s, motion, joint):
+        moment = _moment_of_weld(s, motion, joint)
+        r = s.attitude(s.spec.scene.joint[joint].bodies[0])
+        return ZERO if moment is ZERO else vec3.rotate(r, moment)
     rows = zip(motion.multipliers, motion.rows, strict=True)
     return vector_sum(
         [vec3.scale(m, one.arms[1]) for m, one in rows if one.row.joint == joint and one.row.turns]
@@ -131,7 +154,7 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
 
 
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
-    """Moment on the second body of a joint within a rigid group, which has no rotation rows, ground
+    """Moment on the second body of a joint within a rigid group, which has no rotation rows, body
     axes, N m: from Euler's equations of the bodies on one side of the joint."""
     joints = s.spec.scene.joint
     first, second = joints[joint].bodies
@@ -155,11 +178,11 @@ def _side(s: State, joint: str, body: str) -> set[str]:
 
 
 def _required_moment(s: State, motion: Motion, side: set[str]) -> Any:
-    """Moment, ground axes, N m, that must act on the bodies ``side`` of a rigid group besides their
+    """Moment, body axes, N m, that must act on the bodies ``side`` of a rigid group besides their
     loads and constraint rows: the sum over the bodies of the moment that the angular acceleration
     needs (about the body's mass centre) minus the moments of loads and rows; `ZERO` if it is known
     to be zero."""
-    case, terms = s.case, []
+    case, own, terms, arms = s.case, _own_forces(motion), [], []
     for body in sorted(side):
         leader = s.segment.leader(body)
         if leader == GROUND:
@@ -170,11 +193,22 @@ def _required_moment(s: State, motion: Motion, side: set[str]) -> Any:
             inertial = vector_sum([vec3.rotate(inertia, motion.spin_rate[leader]), gyroscopic])
         moment = motion.moment[body]
         if inertial is not ZERO or moment is not ZERO:
-            required = inertial if moment is ZERO else vec3.sub(inertial, moment)
-            terms.append(vec3.rotate(s.attitude(body), required))
+            terms.append(inertial if moment is ZERO else vec3.sub(inertial, moment))
         for m, one in zip(motion.multipliers, motion.rows, strict=True):
             pair = s.spec.scene.joint[one.row.joint].bodies
-            terms += [
-                vec3.scale(-m, arm) for end, arm in zip(pair, one.arms, strict=True) if end == body
-            ]
+            if one.own and body == pair[0]:  # the moment on both bodies; less that on the second
+                terms.append(vec3.scale(-m, one.own.lever))
+            elif not one.own:
+                arms += [
+                    vec3.scale(-m, arm)
+                    for end, arm in zip(pair, one.arms, strict=True)
+                    if end == body
+                ]
+        for joint, force in own.items():
+            pair = s.spec.scene.joint[joint].bodies
+            if body in pair:
+                on_second = vec3.cross(case.joint_ends(joint)[1], force)
+                terms.append(on_second if body == pair[0] else vec3.scale(-1.0, on_second))
+    if arms:
+        terms.append(_in_axes_of(s, min(side), vector_sum(arms)))
     return vector_sum(terms)
