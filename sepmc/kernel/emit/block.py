@@ -311,6 +311,8 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
         end = where(waits, scalar.larger(due, now), end)
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("MAX_NEXT_STEP", math.inf)
+    if c.monitors_loads(segment):
+        scope.store("CONTINUES", 0.0)
     store_ignitions(scope, c)
     for event in segment.events:
         scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)

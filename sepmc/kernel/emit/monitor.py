@@ -51,7 +51,10 @@ def emit_monitor(out: Text, c: Context) -> None:
         "node_loads(w, phase: int)",
         "Joint loads at the nodes of the step just made, up to its end, into WRENCHES.",
     )
-    inner = text.block(f"for i in range({at.PEAK_NODES}):")
+    c.workspace.add("CONTINUES", 1)
+    text("first = 1")  # the first node is the last one of the step before, if that has no end there
+    text.lanes()("first = 0 if w[CONTINUES + l] == 0.0 else first")
+    inner = text.block(f"for i in range(first, {at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
     for offset, (number, segment) in enumerate(segments.items()):
         inner.block(f"{'elif' if offset else 'if'} phase == {number}:")(
@@ -102,6 +105,11 @@ def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
         inner("h = w[REACH + l] * w[LENGTH + l]")
         for number, segment in guided:
             update_guides(inner.block(f"if phase == {number}:"), c, segment)
+    last = at.PEAK_NODES - 1
+    text.components(f"{c.node_size} * LANES")(
+        f"w[WRENCHES + e + l] = w[{component('WRENCHES', last * c.node_size)} + e + l]"
+    )
+    text.lanes()("w[CONTINUES + l] = 1.0")
 
 
 def _update_peak(text: Text, c: Context, k: int) -> None:
@@ -179,6 +187,7 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
         "simultaneous ones."
     )
     text = out.function(f"stop_at_load_{segment.name}(w)", docstring)
+    text.lanes()("w[CONTINUES + l] = 0.0")  # a load event is found without such a shortcut
     text(f"node_loads(w, {number})", "any_reached = 0.0")
     inner = text.lanes()
     inner("w[CUT + l], w[THETA + l] = 0.0, 1.0")
