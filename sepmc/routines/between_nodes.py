@@ -85,7 +85,8 @@ def update(w, nodes, record, rough, summit, begin, length, work):
         Position of three numbers that are updated: the peak, its time, s, and the integral over
         time.
     rough, summit : int
-        Positions of the results ``tolerance`` and ``has_summit`` of `peaks.update_by_nodes`.
+        Positions of the results ``tolerance`` and ``summits`` of `peaks.update_by_nodes`; the
+        latter are counted down.
     begin, length : int
         Positions of start and length of the step, s.
     work : int
@@ -165,8 +166,8 @@ def _integrate(w, c, integral, rough, length, work):
 
 @routine
 def _note_summits(w, c, nodes, record, summit, begin, length, work):
-    """Search all peaks between the nodes, in lanes that have some (field ``summit``). A peak that
-    is larger by more than round-off replaces the peak so far and its time. Arguments as in
+    """Search the peaks between the nodes; the field ``summit`` has their number. A peak that is
+    larger by more than round-off replaces the peak so far and its time. Arguments as in
     `update`."""
     node, low, high, x, move, sizes = (
         work,
@@ -179,19 +180,16 @@ def _note_summits(w, c, nodes, record, summit, begin, length, work):
     for l in range(LANES):
         w[node + l] = -1.0 if w[summit + l] > 0.0 else COUNT
         w[low + l], w[high + l], w[x + l] = 0.0, 0.0, 0.0
-    for _ in range(COUNT):
-        going = False
+    going = True
+    while going:
         for l in range(LANES):  # lanes go on to their next peaks
-            if w[node + l] < COUNT:
+            if w[summit + l] > 0.0:
                 i = _next_summit(w[node + l], w, nodes + l, sizes)
                 w[node + l] = i
                 if i < COUNT:
-                    going = True
                     w[x + l] = 2.0 * THETA[i] - 1.0
                     w[low + l] = 2.0 * THETA[max(i - 1, 0)] - 1.0
                     w[high + l] = 2.0 * THETA[min(i + 1, COUNT - 1)] - 1.0
-        if not going:
-            break
         for _ in range(ROUNDS):
             _approach(w, c, low, high, x, move)
             moves = False
@@ -206,6 +204,10 @@ def _note_summits(w, c, nodes, record, summit, begin, length, work):
             is_higher = higher > SAME * w[record + l]
             w[record + l] = higher if is_higher else w[record + l]
             w[record + LANES + l] = time if is_higher else w[record + LANES + l]
+            w[summit + l] -= 1.0
+        going = False
+        for l in range(LANES):
+            going = going or (w[summit + l] > 0.0 and w[node + l] < COUNT)
 
 
 @routine

@@ -286,8 +286,8 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
         Above 0 if the integral still lacks this step, since the magnitude may have a corner in it:
         `between_nodes.update` must add the step, with its mean magnitude to this tolerance, in the
         unit of the magnitude. Else 0.
-    has_summit : float
-        1 if a peak may be between the nodes: `between_nodes.update` must search for it. Else 0.
+    summits : float
+        Number of peaks that may be between the nodes: `between_nodes.update` must search for them.
     """
     first, second = magnitude(nodes[0]), magnitude(nodes[1])
     before, last = first, second
@@ -312,12 +312,11 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
     is_rough = active * is_uneven(fine, coarse, smallest, largest)
     is_rough = is_rough if largest > 1e3 * tolerance else 0.0
     smooth = active if is_rough == 0.0 else 0.0
-    has_summit = 1.0 if summits > 0.0 else 0.0
-    has_summit = has_summit if largest > NEAR * peak else 0.0
+    summits = summits if largest > NEAR * peak else 0.0
     return (
         (peak, peak_time, integral + h * fine if smooth > 0.0 else integral),
         tolerance if is_rough > 0.0 else 0.0,
-        has_summit if active > 0.0 else 0.0,
+        summits if active > 0.0 else 0.0,
     )
 
 

@@ -39,7 +39,11 @@ def _emit_make_extension(out: Text, c: Context) -> None:
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
     c.workspace.add("POWERS", (order + 1) * c.size)
     for i in range(stages, total):
-        restore_stage(text, rk, i, "size")
+        if np.array_equal(rk.a[i, :stages], rk.b) and not rk.a[i, stages:].any():
+            text.components("size")("w[S + e + l] = w[Y + e + l]")  # not projected yet
+            text.lanes()("w[CLOCK + l] = w[T + l]")
+        else:
+            restore_stage(text, rk, i, "size")
         text("rates(w, phase)")
         text.components("size")(f"w[K{i + 1} + e + l] = w[D + e + l]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
