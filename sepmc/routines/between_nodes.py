@@ -34,8 +34,9 @@ from sepmc.routines.peaks import (
 # loops over them are unrolled, so that loops over lanes around them are vectorised
 _NODES, _DOWNWARD = tuple(range(COUNT)), tuple(range(COUNT - 2, 0, -1))
 _NOTHING = (0.0, 0.0, 0.0)
-# Limits of the integral: halvings in a step, and the shortest interval as a fraction of the step
-_HALVINGS, _SHORTEST = 80.0, 2.0**-24
+# Limits of the integral: halvings in a step (about 40 for each of up to seven corners), and the
+# shortest interval as a fraction of the step
+_HALVINGS, _SHORTEST = 400.0, 2.0**-24
 _CLOSE = 1e-9  # of half a step: the last move in the search of a peak; then it is at round-off
 
 
@@ -118,7 +119,7 @@ def _integrate(w, c, integral, rough, length, work):
 
     The rule of Gauss and Kronrod is applied to an interval that is halved until the magnitude in it
     is even (`peaks.is_uneven`) or too small to matter; then to the next interval, which is twice as
-    long where it may be. A corner takes about twenty halvings. Arguments as in `update`.
+    long where it may be. Arguments as in `update`.
     """
     low, width, halvings, fine, coarse, smallest, largest = (
         work,

@@ -110,7 +110,8 @@ CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57
 # nodes of a step for loads: a polynomial of degree seven, the order of the continuous extension of
 # dop853
 PEAK_NODES = 8
-PEAK_POINTS = 15  # points of a step for the mean of a magnitude
+# points of a step for the mean of a magnitude; pairs of them, with the middle one as half a pair
+PEAK_POINTS, PEAK_PAIRS = 15, 8
 # scratch numbers of a lane: coefficients of three components, sizes at the nodes and eight more
 PEAK_SCRATCH = 5 * PEAK_NODES
 

@@ -18,11 +18,13 @@ import math
 import numpy as np
 
 from sepmc.jit import formula, noinline, routine
+from sepmc.physics import vec3
 from sepmc.routines.lanes import LANES, get3, larger, largest3
-from sepmc.routines.layout import GRAIN, PEAK_NODES
+from sepmc.routines.layout import GRAIN, PEAK_NODES, PEAK_PAIRS
 
 COUNT = PEAK_NODES
-_NODES = tuple(range(COUNT))  # a loop over it is unrolled, so that it may run over a tuple
+# loops over them are unrolled, so that they may run over a tuple
+_NODES, _HALF_NODES = tuple(range(COUNT)), tuple(range(COUNT // 2))
 # nodes at both ends and between, denser towards the ends
 _X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))
 THETA = 0.5 * (1.0 + _X)  # the same as fractions of the step
@@ -60,8 +62,14 @@ def _on_both_sides(values, sign=1.0):
 
 POINTS = 0.5 + 0.5 * _on_both_sides(_RIGHT_POINTS, -1.0)  # fractions of the step
 KRONROD, GAUSS = 0.5 * _on_both_sides(_KRONROD), 0.5 * _on_both_sides(_GAUSS)
-# weights of the values at the nodes for the value at each point
+# weights of the sum of the values at a point and at its mirror image, up to the middle point
+_ONCE = np.array([*(PEAK_PAIRS - 1) * [1.0], 0.5])
+KRONROD_PAIRS, GAUSS_PAIRS = _ONCE * KRONROD[:PEAK_PAIRS], _ONCE * GAUSS[:PEAK_PAIRS]
+# Weights of the values at the nodes for the value at each point; and, up to the middle point, of
+# sums and differences of the values at a node and at its mirror image.
 BETWEEN = np.cos(np.outer(np.arccos(2.0 * POINTS - 1.0), np.arange(COUNT))) @ COEFFICIENTS
+_LEFT, _RIGHT = BETWEEN[:PEAK_PAIRS, : COUNT // 2], BETWEEN[:PEAK_PAIRS, : COUNT // 2 - 1 : -1]
+EVEN, ODD = 0.5 * (_LEFT + _RIGHT), 0.5 * (_LEFT - _RIGHT)
 # Difference of the rules of Kronrod and Gauss, relative to the largest magnitude, above which a
 # step is halved; and ratio of the smallest to the largest magnitude at the nodes, below which it is
 # halved anyway: near a corner both rules may err alike. Otherwise Kronrod's rule was within 1e-12
@@ -196,16 +204,16 @@ def _combined(weights, nodes):
 
 
 @formula
-def size_between(point, nodes):
-    """Return the magnitude of the vector at a point (number 0 to 14) of the rule of Gauss and
-    Kronrod, interpolated from the vectors at the nodes (COUNT tuples of 3)."""
-    x, y, z = 0.0, 0.0, 0.0
-    for i in _NODES:
-        weight = BETWEEN[point, i]
-        x += weight * nodes[i][0]
-        y += weight * nodes[i][1]
-        z += weight * nodes[i][2]
-    return magnitude((x, y, z))
+def sizes_between(point, nodes):
+    """Return the sum of the magnitudes of the vector at a point (number 0 to 7) of the rule of
+    Gauss and Kronrod and at its mirror image, interpolated from the vectors at the nodes (COUNT
+    tuples of 3)."""
+    even, odd = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in _HALF_NODES:
+        one, other = nodes[i], nodes[COUNT - 1 - i]
+        even = vec3.add(even, vec3.scale(EVEN[point, i], vec3.add(one, other)))
+        odd = vec3.add(odd, vec3.scale(ODD[point, i], vec3.sub(one, other)))
+    return magnitude(vec3.add(even, odd)) + magnitude(vec3.sub(even, odd))
 
 
 @formula

@@ -12,7 +12,7 @@ from support.compiled import compiled
 
 from sepmc.routines import between_nodes, peaks
 from sepmc.routines.lanes import LANES, get3, put3
-from sepmc.routines.layout import PEAK_NODES, PEAK_POINTS, PEAK_SCRATCH
+from sepmc.routines.layout import PEAK_NODES, PEAK_PAIRS, PEAK_SCRATCH
 
 STRIDE = 3 * LANES
 NODES, OUT, RELATED, INDICATOR = 0, 10 * STRIDE, 11 * STRIDE, 12 * STRIDE
@@ -34,10 +34,10 @@ def at_nodes(w, t, h):
         get3(w, NODES + 7 * STRIDE),
     )
     fine, coarse = 0.0, 0.0
-    for j in range(PEAK_POINTS):
-        size = peaks.size_between(j, nodes)
-        fine += peaks.KRONROD[j] * size
-        coarse += peaks.GAUSS[j] * size
+    for j in range(PEAK_PAIRS):
+        sizes = peaks.sizes_between(j, nodes)
+        fine += peaks.KRONROD_PAIRS[j] * sizes
+        coarse += peaks.GAUSS_PAIRS[j] * sizes
     w[INDICATOR] = max(w[INDICATOR], peaks.truncation(nodes) * h)
     return peaks.update_by_nodes(nodes, fine, coarse, get3(w, OUT), w[RELATED], t, h)
 
@@ -113,6 +113,16 @@ def test_a_component_that_reverses_twice(half):
         dip = 4.0 / 3.0 * half**3
         mean = ((1.0 - middle) ** 3 + middle**3) / 3.0 - half * half + 2.0 * dip
         assert abs(result[2] - mean) <= 1e-11 * result[0]
+
+
+@pytest.mark.parametrize("zeros", [(0.21, 0.5, 0.83), (0.02, 0.11, 0.3, 0.52, 0.71, 0.9, 0.97)])
+def test_several_corners(zeros):
+    """Each zero of a component that has no others beside it is found as closely as a single one."""
+    polynomial = np.polynomial.Polynomial.fromroots(zeros)
+    result = updated(lambda x: (1e3 * polynomial(x), 0.0, 0.0))
+    total = polynomial.integ()
+    parts = np.diff([total(x) for x in (0.0, *zeros, 1.0)])
+    assert result[2] == pytest.approx(1e3 * np.abs(parts).sum(), abs=3e-12 * result[0])
 
 
 def test_constant_load():

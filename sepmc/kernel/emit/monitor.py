@@ -146,12 +146,12 @@ def _emit_update_record(out: Text, c: Context) -> None:
     ]
     vectors = f"({', '.join(names)})"
     text.lanes()("w[FINE + l], w[COARSE + l] = 0.0, 0.0")
-    inner = text.block(f"for j in range({at.PEAK_POINTS}):").lanes()
+    inner = text.block(f"for j in range({at.PEAK_PAIRS}):").lanes()
     inner(
         *read_nodes,
-        f"size = peaks.size_between(j, {vectors})",
-        "w[FINE + l] = w[FINE + l] + peaks.KRONROD[j] * size",
-        "w[COARSE + l] = w[COARSE + l] + peaks.GAUSS[j] * size",
+        f"sizes = peaks.sizes_between(j, {vectors})",
+        "w[FINE + l] = w[FINE + l] + peaks.KRONROD_PAIRS[j] * sizes",
+        "w[COARSE + l] = w[COARSE + l] + peaks.GAUSS_PAIRS[j] * sizes",
     )
     text.lanes()(
         "h = w[SPAN + l]",
