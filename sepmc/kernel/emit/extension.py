@@ -47,13 +47,19 @@ def _emit_make_extension(out: Text, c: Context) -> None:
         text("rates(w, phase)")
         text.components("size")(f"w[K{i + 1} + e + l] = w[D + e + l]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
-    for q in range(1, order + 1):  # one loop each: constants of all would not fit into registers
-        terms = [
-            f"{coefficient(rk, 'D', q - 1, j)} * w[K{j + 1} + e + l]"
-            for j in np.flatnonzero(rk.dense[:, q]).tolist()
-        ]
+    for first in range(
+        1, order + 1, 2
+    ):  # in a loop for all, constants would not fit into registers
         inner = text.components("size")
-        inner.wrapped(f"w[POWERS + {q} * SIZE_Y + e + l] = w[STEP + e + l] * (", terms, ")")
+        pair = rk.dense[:, first : first + 2]
+        inner("h = w[STEP + e + l]")
+        inner(*(f"k{j + 1} = w[K{j + 1} + e + l]" for j in range(total) if pair[j].any()))
+        for q, weights in enumerate(pair.T, first):
+            terms = [
+                f"{coefficient(rk, 'D', q - 1, j)} * k{j + 1}"
+                for j in np.flatnonzero(weights).tolist()
+            ]
+            inner.wrapped(f"w[POWERS + {q} * SIZE_Y + e + l] = h * (", terms, ")")
 
 
 def _emit_interpolate(out: Text, c: Context, segment: Segment) -> None:
