@@ -52,7 +52,7 @@ def emit_monitor(out: Text, c: Context) -> None:
         "Joint loads at the nodes of the step just made, up to its end, into WRENCHES.",
     )
     c.workspace.add("CONTINUES", 1)
-    text("first = 1")  # the first node is the last one of the step before, if that has no end there
+    text("first = 1")  # in lanes that go on from a step, it ended at the first node
     text.lanes()("first = 0 if w[CONTINUES + l] == 0.0 else first")
     inner = text.block(f"for i in range(first, {at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
@@ -187,7 +187,7 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
         "simultaneous ones."
     )
     text = out.function(f"stop_at_load_{segment.name}(w)", docstring)
-    text.lanes()("w[CONTINUES + l] = 0.0")  # a load event is found without such a shortcut
+    text.lanes()("w[CONTINUES + l] = 0.0")  # a load event may be at the first node
     text(f"node_loads(w, {number})", "any_reached = 0.0")
     inner = text.lanes()
     inner("w[CUT + l], w[THETA + l] = 0.0, 1.0")
