@@ -37,6 +37,8 @@ _NOTHING = (0.0, 0.0, 0.0)
 # Limits of the integral: halvings in a step (about 40 for each of up to seven corners), and the
 # shortest interval as a fraction of the step
 _HALVINGS, _SHORTEST = 400.0, 2.0**-24
+# As in `peaks`; in intervals that double away from a corner the magnitude doubles.
+_DIP = 0.45
 _CLOSE = 1e-9  # of half a step: the last move in the search of a peak; then it is at round-off
 
 
@@ -148,7 +150,7 @@ def _integrate(w, c, integral, rough, length, work):
                 w[largest + l] = larger(size, w[largest + l])
         for l in range(LANES):
             start, span = w[low + l], w[width + l]
-            halve = is_uneven(w[fine + l], w[coarse + l], w[smallest + l], w[largest + l])
+            halve = is_uneven(w[fine + l], w[coarse + l], w[smallest + l], w[largest + l], _DIP)
             halve = halve if w[largest + l] * span > w[rough + l] else 0.0
             halve = halve if span > _SHORTEST else 0.0
             halve = halve if w[halvings + l] < _HALVINGS else 0.0

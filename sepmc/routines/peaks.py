@@ -259,12 +259,13 @@ def _is_end_summit(end, inner, slope):
 
 
 @formula
-def is_uneven(fine, coarse, smallest, largest):
+def is_uneven(fine, coarse, smallest, largest, dip):
     """Return 1.0 if the mean magnitude over an interval by Kronrod's rule, ``fine``, may be less
     accurate than round-off: by that of Gauss's rule, ``coarse``, or since the magnitude comes near
-    a corner; else 0.0. ``smallest`` and ``largest`` are magnitudes in the interval."""
+    a corner: the ratio of ``smallest`` to ``largest``, magnitudes in the interval, is below
+    ``dip``; else 0.0."""
     uneven = 0.0 if abs(fine - coarse) <= _ROUGH * largest else 1.0
-    return 1.0 if smallest < _DIP * largest else uneven
+    return 1.0 if smallest < dip * largest else uneven
 
 
 @formula
@@ -317,7 +318,7 @@ def update_by_nodes(nodes, fine, coarse, record, related, t, h):
     peak = largest if is_higher > 0.0 else peak
     peak_time = t + theta * h if is_higher > 0.0 else peak_time
     tolerance = _AGREE * peak + _NOISE * larger(peak, related)
-    is_rough = active * is_uneven(fine, coarse, smallest, largest)
+    is_rough = active * is_uneven(fine, coarse, smallest, largest, _DIP)
     is_rough = is_rough if largest > 1e3 * tolerance else 0.0
     smooth = active if is_rough == 0.0 else 0.0
     summits = summits if largest > NEAR * peak else 0.0
