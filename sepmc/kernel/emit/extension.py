@@ -47,9 +47,7 @@ def _emit_make_extension(out: Text, c: Context) -> None:
         text("rates(w, phase)")
         text.components("size")(f"w[K{i + 1} + e + l] = w[D + e + l]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
-    for first in range(
-        1, order + 1, 2
-    ):  # in a loop for all, constants would not fit into registers
+    for first in range(1, order + 1, 2):  # registers hold the constants of two powers
         inner = text.components("size")
         pair = rk.dense[:, first : first + 2]
         inner("h = w[STEP + e + l]")

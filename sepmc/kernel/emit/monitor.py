@@ -137,7 +137,8 @@ def _emit_update_record(out: Text, c: Context) -> None:
     text = out.function(
         "update_record(w)", "Update peak, its time and integral in RECORD by the vectors in NODES."
     )
-    c.workspace.add("NODES", 3 * at.PEAK_NODES), c.workspace.add("RECORD", 3)
+    c.workspace.add("NODES", 3 * at.PEAK_NODES)
+    c.workspace.add("RECORD", 3)
     for field in ("RELATED", "TRUNCATION", "SPAN", "FINE", "COARSE", "ROUGH", "SUMMIT"):
         c.workspace.add(field, 1)
     names = [f"node_{i}" for i in range(at.PEAK_NODES)]
