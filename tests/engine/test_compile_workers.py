@@ -63,7 +63,9 @@ def test_short_units_start_no_process(waiting):
     assert kernel_cache.compile_missing(units)  # nothing is missing
 
 
-@pytest.mark.parametrize("source", [SHORT + "# " + 12_000 * "x", SHORT + "# sepmc.routines.peaks"])
+@pytest.mark.parametrize(
+    "source", [SHORT + "# " + kernel_cache._SHORT * "x", SHORT + f"# {kernel_cache._SLOW[0]}"]
+)
 def test_long_and_slow_units_are_compiled_by_a_process(source):
     cache_files.is_stored(cache_files.LOOP) or kernel_cache._compile(cache_files.LOOP)
     assert kernel_cache.compile_missing(compile_units(source.format(41)))
