@@ -45,7 +45,10 @@ def test_processes_stay_alive():
 
 def compile_units(*sources):
     """Kernel of modules that are all to be compiled."""
-    return kernel_cache.CompileUnits(tuple(kernel_cache.write_modules(sources)), 0, 0, 0, 0, ())
+    names = tuple(kernel_cache.write_modules(sources))
+    for name in names:
+        (kernel_cache.CACHE_FOLDER / f"{name}.code").unlink(missing_ok=True)
+    return kernel_cache.CompileUnits(names, 0, 0, 0, 0, ())
 
 
 @pytest.mark.parametrize("waiting", [False, True])
