@@ -45,12 +45,17 @@ MAX_NAMED = 20  # failed cases listed per status
 
 
 class _MomentAccumulator(Protocol):
+    """Accumulator of the moments of one outcome: `Moments`, or the `GroupList` of a partial set."""
+
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
-        """Add values (n,), which must not contain NaN, and their case numbers (n,), in increasing
-        order."""
+        """Add values (n,), in the order of their cases, and the numbers of these (n,), which
+        increase. Values must not be NaN; n may be 0."""
 
 
 class _QuantileAccumulator(Protocol):
+    """Accumulator of the distribution of one outcome or margin: a `QuantileSketch`, or its partial
+    one."""
+
     def add(self, values: np.ndarray) -> None:
         """Add ``values`` (n,), which must not contain NaN, in the order of their cases."""
 
@@ -131,9 +136,9 @@ class _BlockCounters:
         return [*(np.array(one, dtype=float) for one in own), *tallied]
 
     def restore(self, arrays: Arrays) -> None:
-        """Replace what was accumulated by the arrays of `state`, which are taken from the iterator
-        ``arrays`` in that order. Arrays that do not fit raise ValueError, ArithmeticError,
-        LookupError or StopIteration."""
+        """Restore statuses and requirement counters, in a set without cases, from the arrays of
+        `state`, which are taken from the iterator ``arrays`` in that order. Arrays that do not fit
+        raise ValueError, ArithmeticError, LookupError or StopIteration."""
         self.by_code[:] = next(arrays)
         for _ in range(int(next(arrays)[0])):
             label, *numbers = next(arrays).astype(np.int64).tolist()

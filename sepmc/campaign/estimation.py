@@ -107,8 +107,8 @@ class Estimation:
         )
 
     def _repr_html_(self) -> str:
-        """HTML for notebooks: notes, and the table of the parameters, the smallest ``std_ratio``
-        first."""
+        """HTML for notebooks: the line of `__repr__`, the notes, and the table of the parameters,
+        the smallest ``std_ratio`` first."""
         table = self.table.set_index("parameter").sort_values("std_ratio", kind="stable")
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         return f"<p>{escape(repr(self))}</p>{notes}{table.to_html(float_format='{:.6g}'.format)}"

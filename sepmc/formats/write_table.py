@@ -78,8 +78,8 @@ def _write_csv(path: Path, columns: Sequence[Column], table: dict[str, Array], n
 
 
 def matlab_names(names: Sequence[str]) -> dict[str, str]:
-    """Make names of columns valid for MATLAB: names of more than 63 characters are cut to 63, and
-    end in a number (_1, _2, ...) where cut names are equal.
+    """Make names of columns valid for MATLAB: names of more than 63 characters are cut to 63. A cut
+    name that is taken by an earlier column ends in a number instead (_1, _2, ...), still within 63.
 
     Parameters
     ----------

@@ -28,7 +28,8 @@ class Writer:
         self.ended = False  # True: the current block has its jump, branch or return
 
     def emit(self, kind: str, text: str) -> Number:
-        """Add the instruction ``text``, whose result has the type ``kind``; return the result."""
+        """Add the instruction ``text``, whose result has the LLVM type ``kind``, such as FLOAT;
+        return the result, under a new name."""
         name = f"%v{next(self.names)}"
         self.lines.append(f"{name} = {text}")
         return Number(kind, name)

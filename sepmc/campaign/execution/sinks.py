@@ -150,8 +150,9 @@ class ParquetSink:
 
 
 def _about(campaign: Definition, spec: SampleSpec) -> dict[str, str]:
-    """Metadata of a shard that say which campaign and seed its cases are of, so that a run folder
-    without its manifest can be repaired."""
+    """Metadata of a shard, texts by key: name, digest and changed settings (as JSON) of the
+    campaign of its cases, their seed, and the version of sepmc. With them a run folder without its
+    manifest can be repaired."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,

@@ -163,8 +163,9 @@ class State:
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
     def pair(self, bodies: tuple[str, str], end_a: Any, end_b: Any) -> Pair:
-        """Relative position of a point of each of two bodies; ``end_a``, ``end_b`` are the arms
-        from their mass centres to the points, body axes, m."""
+        """Relative position and velocity of a point of each of two bodies, the arms to the points
+        and the rates of the bodies, in ground axes; ``end_a``, ``end_b`` are the arms from their
+        mass centres to the points, body axes, m."""
         a, b = bodies
         rho_a = vec3.rotate(self.attitude(a), end_a).called("rho")
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
