@@ -62,7 +62,8 @@ class TableStatistics:
 
     @cached_property
     def counts(self) -> dict[str, int]:
-        """Number of cases of each status: ok first, then the others by falling frequency."""
+        """Number of cases of each status: ok first, also if it has none, then those of the others
+        that have cases, by falling frequency."""
         return of.status_counts(self.cases)
 
     @cached_property

@@ -303,7 +303,8 @@ class StreamingStatistics:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of cases of each status: ok first, then the others by falling frequency."""
+        """Number of cases of each status: ok first, also if it has none, then those of the others
+        that have cases, by falling frequency."""
         self._flush()
         failures = [
             (int(self._counters.by_code[status]), status.label)

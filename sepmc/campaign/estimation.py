@@ -283,7 +283,8 @@ class Model:
 
     @property
     def _is_sized(self) -> bool:
-        """True if the cases of the file's sampler depend on their total number."""
+        """True if the file's sampler is one (`lhs`, `saltelli`) whose cases depend on their total
+        number, so that a longer sample does not begin with a shorter one."""
         return self.campaign.scene.run.sampler in sampling.SIZE_DEPENDENT
 
     def _drop_undefined(self, trials: np.ndarray) -> None:

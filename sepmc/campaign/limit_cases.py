@@ -171,7 +171,8 @@ class _LimitSearch:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Levels (d,) of the nominal case: 0, the code of the nominal value, for every input."""
+        """Levels (d,) of the nominal case: 0 for every input, its nominal value or, if that lies
+        outside the ends of the input, their middle."""
         return np.zeros(len(self.values), dtype=int)
 
     @cached_property

@@ -55,8 +55,8 @@ class Work:
 
     @contextlib.contextmanager
     def counted(self) -> Iterator[None]:
-        """Context in which lines of kernels that run as plain Python are added to ``done``; beyond
-        the limit they raise WorkLimitError."""
+        """Context in which every call of a kernel function in plain Python adds the lines of that
+        function to ``done``, and raises WorkLimitError once ``done`` is beyond the limit."""
         before = _counting.set(self)
         try:
             yield

@@ -44,8 +44,9 @@ def size_of(shape: Shape) -> int:
 
 
 def items_of(path: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]]:
-    """Yield the workspace path and the shape of each item of a tuple of values with these shapes,
-    which is stored from ``path`` on, one item after the other."""
+    """Yield the workspace path (code of an index, without the lane) and the shape of each item of a
+    tuple of values with these shapes, which is stored from ``path`` on, one item after the
+    other."""
     offset = 0
     for shape in shapes:
         yield (f"{path} + {offset} * LANES" if offset else path), shape

@@ -51,8 +51,9 @@ class _Body:
 
 
 def derivatives(constraint: Array) -> Row:
-    """C', C' again (a `Row` has it twice), and C'' at t = 0, from the values of C at the complex
-    `TIMES`, a circle around 0: Cauchy's integral, exact to round-off for an entire function."""
+    """C', C' again (a `Row` has it twice), and C'' at t = 0, from the values ``constraint`` (n,) of
+    one function C at the n complex `TIMES`, a circle around 0: Cauchy's integral, exact to
+    round-off for an entire function."""
     series = np.fft.fft(constraint).real / POINTS
     rate = float(series[1]) / RADIUS
     return rate, rate, 2.0 * float(series[2]) / RADIUS**2
