@@ -17,24 +17,26 @@ config = SimpleNamespace(plain=os.environ.get(PLAIN, "0") != "0")
 
 
 def formula(function: _F) -> _F:
-    """Mark a formula: a function of numbers and tuples. Compiled code inlines every call of it,
-    since a loop over cases with a call in it is not vectorised."""
+    """Mark a formula, a function of numbers and tuples, and return it unchanged. Compiled code
+    inlines every call of it, since a loop over cases with a call in it is not vectorised."""
     return function
 
 
 def long_formula(function: _F) -> _F:
-    """Mark a formula that is too large to be inlined in every call; the compiler decides."""
-    return function
-
-
-def routine(function: _F) -> _F:
-    """Mark a routine: a function with loops or searches, mostly over numbers in a workspace. The
+    """Mark a formula that is too large to be inlined in every call, and return it unchanged; the
     compiler decides where it is inlined."""
     return function
 
 
+def routine(function: _F) -> _F:
+    """Mark a routine, a function with loops or searches, mostly over numbers in a workspace, and
+    return it unchanged. The compiler decides where it is inlined."""
+    return function
+
+
 def for_any_numbers(function: _F) -> _F:
-    """Mark a function that is compiled once for all values of its integer arguments.
+    """Mark a function that is compiled once for all values of its integer arguments, and return it
+    unchanged.
 
     Other routines are compiled anew for each set of integers that are known in a call, which makes
     them faster where these are loop counts.

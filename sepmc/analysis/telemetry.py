@@ -236,7 +236,8 @@ class FlightComparison:
 
 
 def noise_of(values: np.ndarray) -> float:
-    """Return the standard deviation of the noise in a channel, from its second differences.
+    """Return the standard deviation of the noise in a channel, from the median of its absolute
+    second differences, so that single outliers do not count; samples are taken as equally spaced.
 
     Parameters
     ----------

@@ -184,7 +184,8 @@ def _side(size, threshold, last_side):
 def _turns(sizes, w, i, side):
     """Return True if the magnitude has a peak (``side`` 1: it is below the threshold; see
     `peaks.rises`) or a minimum (-1: above) near node ``i``. A minimum shows by a value at the node
-    that exceeds neither of its neighbours. The values at the nodes are stored at w[sizes]."""
+    that exceeds neither of its neighbours; the first and the last node have one. The values at the
+    nodes are stored at w[sizes]."""
     if side > 0.0:
         return rises(sizes, w, i)
     previous, current, following = (

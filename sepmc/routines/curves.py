@@ -11,7 +11,8 @@ from sepmc.routines.layout import AT_POINT, GRAIN
 @routine
 def fit(w, points, joints, count, matrix, length, curves, stride):
     """Fit a polynomial in the fraction of the step to the separation distance of each joint, for
-    all lanes; the coefficients are written into the workspace.
+    all lanes; its ``count + 4`` coefficients are written into the workspace. It has the distance
+    and speed of both ends, and the acceleration of every point.
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ def fit(w, points, joints, count, matrix, length, curves, stride):
     curves : int
         Position of the coefficients, from the constant one up.
     stride : int
-        Number of coefficients of a polynomial; those that the fit does not give are set to 0.
+        Number of coefficients stored for a polynomial; those beyond ``count + 4`` are set to 0.
     """
     size = AT_POINT * joints
     end = points + (count - 1) * size * LANES

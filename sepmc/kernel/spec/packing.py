@@ -38,7 +38,8 @@ PER_RATE, REST = 100.0, -2e-9
 
 
 class Pool:
-    """Growing list of the numbers that all cases share; items refer to them by their index."""
+    """Growing list of the numbers that all cases share, such as tables; who adds some keeps the
+    index of the first. Equal ones are added again, not shared."""
 
     def __init__(self) -> None:
         self.numbers: list[float] = []
