@@ -269,7 +269,7 @@ def parse_cases(text: str) -> dict[int, Case]:
 
 class _Pages:
     """Reader of the lines of an output: `add` takes one after the other, ``cases`` has the tables
-    read so far."""
+    read so far, by number of the case; case 1 is there from the start, without tables."""
 
     def __init__(self) -> None:
         self.cases: dict[int, Case] = {1: Case()}

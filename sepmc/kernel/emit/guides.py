@@ -85,7 +85,8 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
     Returns
     -------
     list of (Expr, Expr)
-        for each pin the force (y, z) at its hole entry, then that at its tip; joint axes, N
+        forces (y, z) on the second body, joint axes, N, two per pin: at the hole entry and tip of
+        the first pin, at those of the second, ...
     """
     c, p, count = s.case, s.case.joint(joint), s.c.pins(joint)
     axes = [s.axis(joint, k) for k in range(3)]

@@ -136,9 +136,9 @@ def _moving(s: State) -> Signals:
 
 
 def _switching(signals: Signals, kink: Kink | SlackKink) -> tuple[Jet, list[Any]]:
-    """Jet (value and time derivatives) of the switching function of a kink, and the numbers whose
-    difference (of a spring: whose sum) it is. The derivatives are 0 unless ``signals`` are
-    ``moving``."""
+    """Jet (value and time derivatives) of the switching function of a kink, and a list of numbers
+    whose sizes give its round-off: the function itself or the two whose difference it is, of a
+    spring the forces whose sum it is. The derivatives are 0 unless ``signals`` are ``moving``."""
     return slack_force(signals, kink) if isinstance(kink, SlackKink) else signals.switching(kink)
 
 
