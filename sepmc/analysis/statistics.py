@@ -402,7 +402,8 @@ def audit_table(summaries: Mapping[str, AuditSummary]) -> pd.DataFrame:
 
 
 def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Return percentiles of a quantity over the cases, for each time.
+    """Return percentiles of a quantity over the cases, for each time; times are rounded to 1e-9 s,
+    and those that are then equal count as one.
 
     Parameters
     ----------

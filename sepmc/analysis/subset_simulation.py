@@ -525,10 +525,11 @@ def _level(
 ) -> Level:
     """Build the `Level` of a threshold.
 
-    ``states`` are the n cases compared with it, ``mask`` (n,) is True for those that reach it,
-    ``reached`` (r,) are the estimates of the replicas for the probability to reach it, and
-    ``levels`` are the levels before it. ``acceptance`` becomes a field. The conditional probability
-    is NaN if no case reached the level before.
+    ``reached`` (r,) are the estimates of the replicas for the probability to reach it, from the
+    start; the conditional probability is their mean over that of the last of ``levels``, the levels
+    before it, and NaN if no case reached that one. ``states`` are the n cases compared with it,
+    ``mask`` (n,) is True for those that reach it: both give only the number of distinct such cases.
+    ``acceptance`` becomes a field.
     """
     mean = float(reached.mean())
     previous = levels[-1].reached if levels else 1.0

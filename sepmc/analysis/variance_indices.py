@@ -145,9 +145,11 @@ def independent_rows(cases: Mapping[str, np.ndarray], inputs: int, sampler: str)
 class SaltelliGroups(NamedTuple):
     """Complete groups of a Saltelli design.
 
-    ``outcomes`` (groups, inputs + 2) of their cases, ``left_out``, the number of groups left out
-    for a missing case or outcome, and ``replicates`` (groups,), the index of the independently
-    scrambled sequence from which each group is.
+    ``outcomes`` (groups, inputs + 2) of their cases: in a group, the first case, then for each
+    input the first case with that input of the last one, then the last case, whose inputs are
+    independent of those of the first. ``left_out`` is the number of groups left out for a missing
+    case or outcome, and ``replicates`` (groups,) the index of the independently scrambled sequence
+    from which each group is.
     """
 
     outcomes: np.ndarray

@@ -154,10 +154,10 @@ def _within(
 
 
 def history_times(channels: Sequence[MeasuredChannel], end: float) -> np.ndarray:
-    """Choose the times at which cases are simulated: those of the samples if all delays are known
-    (``delay_sigma`` is 0) and there are at most 1,000. Else evenly spaced times, two per sample but
-    400 to 1,000, from 4 times the largest ``delay_sigma`` before the first sample to as much after
-    the last, within the run.
+    """Choose the times at which cases are simulated: those of the samples, which all lie within the
+    run, if all delays are known (``delay_sigma`` is 0) and there are at most 1,000. Else evenly
+    spaced times, two per sample but 400 to 1,000, from 4 times the largest ``delay_sigma`` before
+    the first sample to as much after the last, cut to the run.
 
     Parameters
     ----------

@@ -226,7 +226,8 @@ def shown_design(
     Returns the last design, whether it passes or not. ``campaign`` and ``search`` are from
     `start_search`; ``tries`` is the number of verdict runs by which confidences are raised;
     ``threads`` (None: all cores) and ``announce`` are for the verdict runs, and ``out`` is the run
-    folder that each of them overwrites, or None. Raises InputError if the search accepts no design.
+    folder that each of them overwrites, or None. Raises InputError if one of the searches accepts
+    no design.
     """
     count, fraction = VERDICT_CASES * search.cases, 1.0
     for number in range(1, MAX_TRIES + 1):

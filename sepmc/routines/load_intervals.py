@@ -102,8 +102,9 @@ def next_load_switch(t, m, w, case):
 @routine
 def set_active_loads(middle, m, w, case):
     """Store in the interval data of a case, for the interval around the time ``middle``, s: whether
-    each motor is off, burns or tails off, the level and slope of its thrust profile (1 and 0
-    without one), and whether each constant load acts.
+    each motor is off, burns or tails off, the level and slope of its thrust profile while it burns
+    (1 and 0 without one; while it tails off, the level at burn-out and 0), and whether each
+    constant load acts.
 
     ``case`` is the position in the workspace ``w`` of the numbers of the case, ``m`` the Model. The
     data are set once for an interval between switches, so that no stage of a step sees a switch.
@@ -137,8 +138,9 @@ def set_active_loads(middle, m, w, case):
 @routine
 def _set_profile(since, first, rows, work, m, w):
     """Store the level and slope of the thrust profile of a motor, ``since`` seconds after ignition,
-    in its interval data at w[work]: fraction of the thrust = level + slope t, t from ignition, s;
-    zero before the first and after the last row.
+    in its interval data (LEVEL and SLOPE after w[work]): fraction of the thrust = level + slope t,
+    t from ignition, s. At a row the span after it counts; both numbers are 0 before the first row,
+    at the last one and after it.
 
     ``first`` is the position in ``m.numbers`` of the ``rows`` rows (time, fraction) of the profile.
     """
