@@ -218,7 +218,8 @@ def _candidates(
 
     If the campaign passes: `DOUBLE`, and inputs that pass when doubled alone, the smallest rise of
     the violation probability first. Else: `HALF`, and inputs whose halving lowers it with 95 %
-    confidence, the largest gain first. ``spreads`` are the inputs of the rows of ``table``.
+    confidence, the largest gain first. ``table`` has its rows in the order of that gain, and
+    ``spreads`` are the inputs of the rows.
     """
     if passes:
         good = table[table["double_passes"].eq(True)].sort_values("double", kind="stable")

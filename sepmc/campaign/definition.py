@@ -161,8 +161,9 @@ class Definition:
 
     @cached_property
     def rare_values(self) -> tuple[RareValue, ...]:
-        """Values of discrete distributions, and pairs of values of two correlated ones, whose
-        occurrences a run counts; see `sepmc.analysis.rare_values`."""
+        """Values whose occurrences a run counts: all of discrete distributions, of whatever
+        probability below 1, and pairs of values of two correlated ones that the correlation makes
+        more probable; see `sepmc.analysis.rare_values`."""
         return rare_values(self.file.dispersions, self.file.copulas)
 
     @property

@@ -37,7 +37,8 @@ def centripetal(omega, rho):
 
 @formula
 def between(x_a, v_a, rho_a, omega_a, x_b, v_b, rho_b, omega_b):
-    """Vector d from a point of body A to a point of body B, and its rate d'.
+    """Vector d from a point of body A to a point of body B, and its rate d'; all vectors are in
+    ground axes.
 
     Parameters
     ----------

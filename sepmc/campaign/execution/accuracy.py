@@ -191,7 +191,8 @@ def column_scales(
     outcomes : ndarray, shape (n, o)
         Values of all outcomes in n cases, in the units of their columns.
     spread : ndarray, shape (o,), optional
-        Standard deviation of each outcome; computed from ``outcomes`` if not given.
+        Standard deviation of each outcome, in the unit of its column; computed from ``outcomes`` if
+        not given.
 
     Returns
     -------

@@ -290,12 +290,13 @@ def integrate(
 
 
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the rejected cases (negative ``status``) that a kernel ``variant`` may accept.
+    """Mask (n,) of the rejected cases (negative ``status``) that a fallback kernel of a ``variant``,
+    ANY_ORDER or LEAST_SQUARES, may accept.
 
     ``status`` (n,) is FINER_STEPS or the first variant that may accept the case: then more general
-    ones may too, and after FINER_STEPS any variant may. The mask is False where the status is not
-    negative. ``finite`` (n,) is True for cases with finite outcomes: if such a case needs smaller
-    steps only, the variant LEAST_SQUARES does not help.
+    ones may too, and after FINER_STEPS both may. The mask is False where the status is not
+    negative, and for the variant STANDARD. ``finite`` (n,) is True for cases with finite outcomes:
+    if such a case needs smaller steps only, the variant LEAST_SQUARES does not help.
     """
     finer = (status == FINER_STEPS) & finite
     return (status < 0) & (status >= variant) & ~(finer & (variant == Variant.LEAST_SQUARES))

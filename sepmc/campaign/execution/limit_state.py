@@ -159,7 +159,7 @@ def limit_state(campaign: Definition, name: str) -> LimitState:
 
 class MarginEvaluator:
     """Limit-state function of an estimate: `margins` runs the cases of standard-normal samples and
-    returns their margins; cases, statuses and failures of the audit are counted.
+    returns their margins and rows; cases, statuses and failures of the audit are counted.
 
     Parameters
     ----------
