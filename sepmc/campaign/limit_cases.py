@@ -260,9 +260,9 @@ class _LimitSearch:
         with the lowest score of `judge`; return its levels (d,), as `inputs` takes them.
 
         A case without a result is the worst of all, or, if ``with_value``, the best. Not all
-        combinations are tried: the search starts from the nominal case, the worst levels of the
-        single inputs together, and some random corners, and changes one input at a time. An input
-        ``fails`` of a joint stays nominal."""
+        combinations are tried: the search starts from the nominal case, from the worst levels of
+        the single inputs together, and from the lowest of some random corners, and changes one
+        input at a time. An input ``fails`` of a joint stays nominal."""
 
         def score(levels: np.ndarray) -> np.ndarray:
             scores = self.judge(item, *self.run(levels))[2]

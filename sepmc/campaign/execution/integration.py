@@ -290,8 +290,8 @@ def integrate(
 
 
 def is_accepted_by(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
-    """Mask (n,) of the rejected cases (negative ``status``) that a fallback kernel of a ``variant``,
-    ANY_ORDER or LEAST_SQUARES, may accept.
+    """Mask (n,) of the rejected cases (negative ``status``) that a fallback kernel may accept, of
+    the ``variant`` ANY_ORDER or LEAST_SQUARES.
 
     ``status`` (n,) is FINER_STEPS or the first variant that may accept the case: then more general
     ones may too, and after FINER_STEPS both may. The mask is False where the status is not

@@ -226,7 +226,8 @@ class State:
         )
 
     def joint(self, name: str) -> Pair:
-        """Relative position of the points of a joint on its two bodies."""
+        """Relative position and velocity of the points of a joint on its two bodies, with arms and
+        rates, as `pair` returns them."""
         end_a, end_b, _ = self.case.joint_ends(name)
         return self.pair(self.spec.scene.joint[name].bodies, end_a, end_b)
 
