@@ -50,8 +50,8 @@ def _ignition_time(i, m, w, case):
 
 @routine
 def _earlier(earliest, time, t):
-    """Return the earlier of two times, ``earliest`` and ``time``; ``time`` is ignored if it is not
-    after ``t``."""
+    """Return the earlier of two times, ``earliest`` and ``time``; ``time`` is ignored unless it is
+    more than GRAIN, which is round-off, after ``t``."""
     return min(earliest, time) if time > t + GRAIN else earliest
 
 
