@@ -12,7 +12,7 @@ _never_overwriting = 0  # nested calls that are running and cannot overwrite
 @contextmanager
 def on_command_line() -> Iterator[None]:
     """Context in which the functions of this module write options as on the command line; outside
-    of it they write them as in Python."""
+    of it they write them as in Python. It holds for all threads, and may be nested."""
     global _commands  # noqa: PLW0603
     _commands += 1
     try:

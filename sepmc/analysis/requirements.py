@@ -89,8 +89,8 @@ class RequirementCounter:
         Returns
         -------
         violates, unknown : ndarray, shape (n,), bool
-            Masks of cases that certainly violate, and of unknown ones (see `RequirementCounter`);
-            no case is in both.
+            Masks of cases that certainly violate, and of unknown ones, which did not finish or do
+            not have the outcome (see `RequirementCounter`); no case is in both.
         """
         self.cases += len(numbers)
         if values is None:

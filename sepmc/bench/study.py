@@ -237,6 +237,6 @@ class SolverVariant:
 
 
 def sample_inputs(campaign: Campaign, count: int) -> np.ndarray:
-    """Sample the first ``count`` cases of a campaign; return their dispersed inputs (count, d),
-    SI."""
+    """Sample the first ``count`` cases of a campaign, with the seed and the number of cases of its
+    file; return their dispersed inputs (count, d), SI."""
     return campaign.sample(0, count) * campaign.factors

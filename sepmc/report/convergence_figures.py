@@ -49,7 +49,8 @@ def exceedance_figure(
         Values in all cases; NaN, where a case does not have the outcome, counts as a violation, as
         it does for a verdict.
     verdicts : sequence of Verdict
-        Verdicts whose ``metric`` is not in ``values``, or which have no bound, are not drawn.
+        Verdicts whose ``metric`` is not in ``values``, or which have no bound, are not drawn; at
+        least one must remain.
     folder : Path
         Created if missing.
     units : mapping of outcome to unit

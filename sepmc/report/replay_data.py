@@ -117,7 +117,8 @@ def _body(name: str, number: int, scene: Scene, motion: Poses) -> dict[str, Any]
 
 def _part(part: PlacedPart) -> dict[str, Any]:
     """Return a part of an outline as a dict: centres and radii of the two ends, whether it is a
-    wall, and the angles of a sector or None; for a part of points only the points."""
+    wall, and the two angles of a sector, rad, or None; for a part of points only the points.
+    Lengths are in m and points in body axes from the centre of mass, as in ``part``."""
     if len(part.points):
         return {"points": np.round(part.points, _METRES).tolist()}
     return {

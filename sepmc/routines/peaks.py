@@ -89,8 +89,9 @@ _CLOSE = 1e-9  # of a step: tolerance of a peak's time; its value is then accura
 
 @routine
 def _at(x, w, scratch):
-    """Return the vector (tuple of 3) at ``x``, which goes from -1 to 1 over the step, from the
-    coefficients of its components at w[scratch], by Clenshaw's recurrence."""
+    """Return the vector (tuple of 3) at ``x``, which goes from -1 to 1 over the step, by Clenshaw's
+    recurrence. From w[``scratch``] on are the COUNT Chebyshev coefficients of the first component,
+    then those of the second and of the third."""
     a, a_previous, b, b_previous, c, c_previous = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(COUNT - 1):
         j = scratch + COUNT - 1 - k

@@ -198,7 +198,8 @@ def _degree(term: str) -> int:
 
 
 def _is_lateral_rate(term: str) -> bool:
-    """True if a term of a polynomial has the rate p or r as a factor."""
+    """True if the last factor of a term of a polynomial is the rate p or r, as in ``alpha2_p``;
+    False for the name of a signal."""
     return not signal_of(term) and term.rsplit("_", maxsplit=1)[-1] in ("p", "r")
 
 

@@ -271,8 +271,9 @@ def _stored_accumulators(
 
 
 def _statistics_continue(numbers: str) -> str:
-    """Say with which cases statistics without rows of the selection ``numbers`` (empty: the first
-    cases) can be continued."""
+    """Return the advice how to continue a run that has statistics without rows: with its own
+    selection of case numbers, the text ``numbers`` ("continue with --cases 25:50"), or, if that is
+    empty, as the run has the first cases, with a larger number ("continue with more cases")."""
     return f"continue with {option('cases', numbers)}" if numbers else "continue with more cases"
 
 

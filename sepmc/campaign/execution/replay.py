@@ -76,7 +76,8 @@ def compare_row(
     ----------
     campaign : Definition
     integration : Integration or None
-        Result of `earlier_integration`; if None, the case is not run.
+        Result of `earlier_integration`; if None, the case is not run and no row is read: the result
+        has ``was_run`` False.
     folder : Path
         Run folder with the row.
     number, seed, total : int

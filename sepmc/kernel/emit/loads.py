@@ -167,12 +167,14 @@ def emit_recentre_air(out: Text, c: Context) -> None:
 
 
 def emit_layers(out: Text, c: Context) -> None:
-    """Write the kernel function ``enter_layers(w)``, which moves each body that has crossed a
-    border of its layer of the standard atmosphere into the next layer, and ends a case above or
-    below the atmosphere (status outside-atmosphere).
+    """Write the kernel function ``enter_layers(w)``, which handles the bodies that have just
+    crossed a border of their layer of the standard atmosphere: those whose field ENTERS is set.
 
-    A border counts as crossed `_BORDER` beyond its height, so that a body that has just crossed it
-    is not at it; a body that starts on a border belongs to the layer that it moves into.
+    The function stores the data and borders of the layer that such a body moves into, found from
+    its height and the sign of its vertical speed, and clears ENTERS. If the height is above or
+    below the atmosphere, it ends the case (status outside-atmosphere). A border counts as crossed
+    `_BORDER` beyond its height, so that a body that has just crossed it is not at it; a body that
+    starts on a border belongs to the layer that it moves into.
     """
     text = out.function(
         "enter_layers(w)",

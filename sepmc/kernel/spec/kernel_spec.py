@@ -498,7 +498,8 @@ class KernelSpec:
 
     @property
     def stroke_springs(self) -> list[str]:
-        """Names of the springs that may reach the end of their stroke in some segment."""
+        """Names of the springs that may reach the end of their stroke in some segment, in the order
+        in which they first may."""
         return list(
             dict.fromkeys(
                 e.item

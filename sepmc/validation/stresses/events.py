@@ -178,8 +178,9 @@ def simultaneous() -> list[Stress]:
 
 
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
-    """Line of `sepmc stress` on the release time of `pushed`, whose slider ends at a stroke, m, or
-    at a condition in ``until``, whichever is first; ``time`` is the expected one, s."""
+    """Line of `sepmc stress` on the release time in the scene that `pushed` makes: its slider ends
+    at ``stroke``, m, or at a condition in ``until``, whichever is first. ``time`` is the expected
+    release time, s."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,

@@ -36,11 +36,12 @@ def _scaled(table: dict, mass: float, inertia: float) -> dict:
 
 
 def masses() -> list[Stress]:
-    """Lines of `sepmc stress` on a weld between bodies of mass ratio 1e-9 to 1e9 and similar sizes;
-    all entries of its constraint matrix scale with the lighter body.
+    """Lines of `sepmc stress` on a weld between two turning bodies of mass ratio 1e-9 to 1e9 and
+    similar sizes; all entries of its constraint matrix scale with the lighter body.
 
-    The force is compared on the lighter body: the position of the heavier one in the composite is a
-    difference that loses all digits.
+    The rate, the attitude and the force in the weld have one line each per ratio, with their error
+    against the motion as one rigid body. The force is compared on the lighter body: the position of
+    the heavier one in the composite is a difference that loses all digits.
     """
     lines = []
     for ratio in RATIOS:

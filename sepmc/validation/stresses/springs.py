@@ -95,7 +95,9 @@ def hidden() -> list[Stress]:
     """Lines of `sepmc stress` on a spring of 1e9 N/m between bodies that roll with 1e3 and 1e6
     times the energy of the spring, which hides an error of the spring.
 
-    Status ok promises the energy to 1e-6 of the whole, which can be all the energy of the spring.
+    Each line has the error of the spring's extension, for one of the two energies and for steps in
+    which the spring oscillates by 0.3 to 6 rad. Status ok promises the energy to 1e-6 of the whole,
+    which can be all the energy of the spring: the bound is the extension that this energy allows.
     """
     lines = []
     for turn in (0.3, 1.0, 1.5, 2.0, 3.0, 6.0):
