@@ -45,7 +45,7 @@ MAX_NAMED = 20  # failed cases listed per status
 
 
 class _MomentAccumulator(Protocol):
-    """Accumulator of the moments of one outcome: `Moments`, or the `GroupList` of a partial set."""
+    """Interface of accumulators of mean and moments, to which `_BlockCounters` adds cases."""
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
         """Add values (n,), in the order of their cases, and the numbers of these (n,), which
@@ -53,8 +53,7 @@ class _MomentAccumulator(Protocol):
 
 
 class _QuantileAccumulator(Protocol):
-    """Accumulator of the distribution of one outcome or margin: a `QuantileSketch`, or its partial
-    one."""
+    """Interface of accumulators of quantiles (sketches), to which `_BlockCounters` adds cases."""
 
     def add(self, values: np.ndarray) -> None:
         """Add ``values`` (n,), which must not contain NaN, in the order of their cases."""

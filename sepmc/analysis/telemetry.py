@@ -441,7 +441,8 @@ class _Curves:
         where a history has no value.
 
         ``flight`` (m,) are samples in units of the scale, ``time`` (m,) their times by the flight's
-        clock, s; ``shifts`` is one clock shift for all cases, or one for each (n,), s.
+        clock, s; ``shifts`` is one clock shift for all cases, or one for each (n,), s, which is
+        subtracted from ``time``. Differences of an angle lie within half a turn.
         """
         times = _run_times(time, shifts)
         residual = _at(self.values, self.step, times) - flight

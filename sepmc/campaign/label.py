@@ -30,9 +30,10 @@ def of_case(campaign: str, number: int | None, settings: Mapping[str, str]) -> s
 
 
 def of_settings(settings: Mapping[str, str]) -> str:
-    """Return a line break and a line with the settings (texts by TOML path) that titles do not show
-    already: all but ``run.cases``, ``run.seed`` and ``run.sampler``. Of many settings it has the
-    first `_MAX_SETTINGS` and the number of the others. Empty if there are none."""
+    """Return a line break and a line "set: PATH = TEXT, ..." with the settings (texts by TOML path)
+    that titles do not show already: all but ``run.cases``, ``run.seed`` and ``run.sampler``. Of
+    many settings it has the first `_MAX_SETTINGS` and the number of the others. Empty if there are
+    none."""
     texts = [f"{path} = {text}" for path, text in settings.items() if path not in _IN_TITLE]
     n_more = len(texts) - _MAX_SETTINGS
     if n_more > 0:

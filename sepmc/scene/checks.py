@@ -72,7 +72,7 @@ def inertia_tensor(body: Body) -> np.ndarray:
 
 def breaks_triangle(principal: np.ndarray) -> np.ndarray:
     """Mask (...), True where principal moments (..., 3), rising, violate A + B >= C, which every
-    solid body satisfies (Goldstein, Classical Mechanics, ch. 5)."""
+    solid body satisfies (Goldstein, Classical Mechanics, ch. 5), by more than 1e-9 of C."""
     return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 
 

@@ -98,7 +98,8 @@ def first_sliders(
 
 
 def make_slider(campaign: "Campaign", key: str, ends: tuple[float, float] | None = None) -> Slider:
-    """Make the slider of a parameter.
+    """Make the slider of a parameter, or of all those that a key with ``*`` names; it then shows
+    the value and distribution of the first.
 
     Parameters
     ----------

@@ -70,7 +70,8 @@ def stored(key: str) -> Integration | None:
 
 
 def remember(key: str, integration: Integration) -> None:
-    """Store an integration in memory under a key (`key_of`), for `in_memory`."""
+    """Store an integration in memory under a key (`key_of`), for `in_memory`; only the 32 that were
+    used last are kept."""
     _in_memory.put(key, integration)
 
 
