@@ -78,7 +78,8 @@ def input_sensitivities(
 
     Returns
     -------
-    DataFrame, a row per input that varies, the most influential first
+    DataFrame, a row per input that varies, by falling ``first_low`` (0 where negative or NaN), then
+    by falling ``shift``, then by falling absolute ``rank``
         ``rank`` correlation with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright,
         Psychometrika 65, 2000); ``partial`` rank correlation; ``mean_low`` and ``mean_high``, the
         outcome's means over the cases with the lowest and highest tenth of the input (or its lowest

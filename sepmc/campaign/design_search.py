@@ -252,10 +252,11 @@ class DesignSearch:
         """Return the margin (m,) of each of m designs to a requirement: negative if more than
         ``most`` cases violate it. ``columns`` is as for `_violations`.
 
-        It is the scaled margin of the worst case that remains without the ``most`` worst cases. For
-        a requirement on a violation of any other one, the margin of a case is the smallest over the
-        others. Where cases have no numeric margin (a status, or yes or no), it is ``most`` minus
-        the number of violations, divided by a hundredth of the cases.
+        It is the scaled margin of the worst case that remains without the ``most`` worst cases;
+        minus infinity if that case is not ok or lacks the outcome. For a requirement on a violation
+        of any other one, the margin of a case is the smallest over the others. Where cases have no
+        numeric margin (a status, or yes or no), it is ``most`` minus the number of violations,
+        divided by a hundredth of the cases.
         """
         if item.metric == VIOLATION:
             judged = [one for one in self.items if one.metric != VIOLATION]

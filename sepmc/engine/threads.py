@@ -123,8 +123,9 @@ def _fault(error: ValueError) -> InputError:
 
 def use_threads(count: int | None) -> int:
     """Make compiled code that this Python thread calls run on ``count`` threads from now on; None,
-    or more than `max_threads`, as a worker of a cluster may be given: on all. Returns the number in
-    use, which is 1 in a forked process. Raises InputError as `in_use`."""
+    0, or more than `max_threads`, as a worker of a cluster may be given: on all. Returns the number
+    in use, which is 1 in a forked process. Raises InputError, as `in_use`, if Numba's threading
+    layer is unknown or not installed; ``count`` is not checked."""
     if not _forked:
         in_use()
         set_num_threads(min(count or max_threads(), max_threads()))

@@ -128,6 +128,7 @@ def _rows(scene: Scene, coded: list[tuple[str, int]]) -> np.ndarray:
     Returns
     -------
     ndarray, shape (rows, bodies, 6)
+        The ground is not among the bodies.
     """
     bodies = list(scene.body)
     # the last body is the ground, which does not move

@@ -174,8 +174,9 @@ class Integration:
 
     @property
     def evaluations(self) -> int:
-        """Number of derivative evaluations of a case, summed over the segments; if the file gives
-        the step, that of one given step in each segment."""
+        """Number of derivative evaluations of a case, summed over the segments, without those that
+        only the continuous extension needs; if the file gives the step, that of one given step in
+        each segment."""
         return sum(
             int(steps) * method(name).stages
             for steps, name in zip(self.steps, self.method_names, strict=True)
