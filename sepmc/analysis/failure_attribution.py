@@ -92,7 +92,8 @@ def attribute_failures(
     def add_if_significant(
         parts: dict[str, _Partition], information: float, added: float, degrees: int
     ) -> None:
-        """Append an attribution to the inputs ``parts`` if it is significant.
+        """Append an attribution to the inputs ``parts`` if it is significant, the number of tests
+        considered, and a part or cell stands out (`_attribution`).
 
         ``information`` (nats) is that of the inputs together; ``added`` is tested: all of it for
         one input, or what the less useful input of a pair adds to the other, by a chi-square with

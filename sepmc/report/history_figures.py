@@ -52,9 +52,9 @@ class Panel(NamedTuple):
     styles : tuple of (colour, line style)
         Styles of the lines in order, repeated if there are more lines.
     small_counts : bool
-        True if small values matter, as for a clearance: the minimum is then part of the label, and
-        the scale is logarithmic if values and ``required`` are positive and span more than a factor
-        of ten.
+        True if small values matter, as for a clearance: the minimum of the first line is then part
+        of the label, and the scale is logarithmic if the values of that line and ``required`` are
+        positive and span more than a factor of ten.
     quantity : str
         Panels of a figure with the same quantity share a scale; empty: none shared.
     required : sequence of float

@@ -555,7 +555,8 @@ def _instants(
     -1 just before one of the ``changes``, 1 just after it, else 0. Instants are at every interval
     ``row_interval_s``, at the begin and end of each segment (``ends`` (segments,), s), and on both
     sides of ``changes``, times (s) of changes of joints and ends of strokes within segments. While
-    the delayed release of a joint is pending, the phase is the next one.
+    the delayed release of a joint is pending, the phase is the next one. A segment that takes no
+    time has no instants; where two segments meet, each has one.
     """
     grid = np.arange(int(ends[-1] / row_interval_s + 1e-9) + 1) * row_interval_s
     instants: list[tuple[float, int, int]] = []

@@ -104,10 +104,11 @@ class _Manifest(Struct):
     rules ``keep`` select.
     ``n_stored`` is the number of rows in the folder without those, ``failures`` that of cases not
     ok, ``implausible_inertias`` that of cases with an inertia that no body can have. ``min_at_end``
-    and ``missing`` are numbers of cases by clearance and by event (`BatchSummary`). ``until`` is
-    the sentence on the ``stopping_rule``, ``rarely_drawn`` warnings on values that occurred too
-    rarely. ``digest`` is that of the campaign with its ``settings``, ``files`` the number of files
-    in the ledger; ``files_sha256``, ``campaign_sha256`` and ``sha256`` are checksums of the ledger
+    has, by clearance, the number of cases in which it is smallest at the end time, ``missing``, by
+    event, that of ok cases in which it does not occur (`BatchSummary`). ``until`` is the sentence
+    on the ``stopping_rule``, ``rarely_drawn`` warnings on values that occurred too rarely.
+    ``digest`` is that of the campaign with its ``settings``, ``files`` the number of files in the
+    ledger; ``files_sha256``, ``campaign_sha256`` and ``sha256`` are checksums of the ledger
     entries, the campaign file and this manifest. Of a single case ``case`` is its number (None:
     nominal), and ``bodies`` and ``joints`` are those of its scene.
     """

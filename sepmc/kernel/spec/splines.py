@@ -50,6 +50,7 @@ def pack(
         one more, very long span beyond each end, in which the function is constant: it has kinks at
         the ends.
     interpolation : {"cubic", "linear", "monotone", "steps"}, or one for each axis
+        with "steps" each value holds from its point up to the next one, the last one without end
 
     Returns
     -------

@@ -60,8 +60,8 @@ def masses() -> list[Stress]:
 
 
 def light_link() -> list[Stress]:
-    """Lines of `sepmc stress` on a light body welded between two heavy ones: the condition number
-    of the constraint matrix is the ratio of masses."""
+    """Lines of `sepmc stress` on the rate, and the force in the rear weld, of a light body welded
+    between two heavy ones: the condition number of the constraint matrix is the ratio of masses."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         light = _scaled(body(1.0, [1.0, 2.0, 2.2], [2.0, 0.0, 0.0]), ratio, ratio)
@@ -86,8 +86,9 @@ def light_link() -> list[Stress]:
 
 
 def inertias() -> list[Stress]:
-    """Lines of `sepmc stress` on a weld between bodies of similar masses and very different
-    inertias: a lever arm over a small inertia makes the constraint matrix ill-conditioned."""
+    """Lines of `sepmc stress` on the rate, and the force in the weld, of two bodies of similar
+    masses and very different inertias: a lever arm over a small inertia makes the constraint matrix
+    ill-conditioned."""
     lines = []
     for ratio in RATIOS:
         bound = conditioned(max(1.0, 1.0 / ratio))
@@ -99,8 +100,9 @@ def inertias() -> list[Stress]:
 
 
 def needles() -> list[Stress]:
-    """Lines of `sepmc stress` on a free symmetric needle whose moments of inertia differ by up to
-    1e12: the rate about its axis is constant, and the vector of the other two rotates about it."""
+    """Lines of `sepmc stress` on the angular rates of a free symmetric needle whose moments of
+    inertia differ by up to 1e12: the rate about its axis is constant, and the vector of the other
+    two rotates about it."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         needle = body(1.0, [0.7 * ratio, 0.7, 0.7], [1.0, 0.0, 0.0])
