@@ -94,8 +94,8 @@ class Method:
 
 def _rk4() -> Method:
     """Method rk4: the classical one of order 4, with an extension of order 3 (Hairer, Norsett,
-    Wanner, Solving ODE I, II.6, eq 6.8 ff.). Its error estimate is a third of the difference of
-    the derivatives at the second and third stages, both in the middle of the step."""
+    Wanner, Solving ODE I, II.6, eq 6.8 ff.). Its error estimate is a third of the step's length
+    times the difference of the derivatives at the second and third stages, both in mid-step."""
     a = np.zeros((4, 4))
     a[1, 0] = a[2, 1] = 0.5
     a[3, 2] = 1.0

@@ -60,8 +60,9 @@ def masses() -> list[Stress]:
 
 
 def light_link() -> list[Stress]:
-    """Lines of `sepmc stress` on the rate, and the force in the rear weld, of a light body welded
-    between two heavy ones: the condition number of the constraint matrix is the ratio of masses."""
+    """Lines of `sepmc stress` on a light body welded between two heavy ones: the rate of the aft
+    one, and the force in the weld to it. The condition number of the constraint matrix is the ratio
+    of masses."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         light = _scaled(body(1.0, [1.0, 2.0, 2.2], [2.0, 0.0, 0.0]), ratio, ratio)
