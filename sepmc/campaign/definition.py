@@ -438,7 +438,7 @@ class Definition:
         Raises
         ------
         InputError
-            If the sampler cannot have this number of cases.
+            If the number of cases is not from 1 to `CASES`, or the sampler cannot have it.
         """
         run = self.scene.run
         size = run.cases if total is None else check_int("total", total, 1, CASES)

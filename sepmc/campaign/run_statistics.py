@@ -65,8 +65,9 @@ class RunStatistics:
 
 
 def numerical_errors(accuracy: Mapping[str, Any]) -> dict[str, float]:
-    """Return the relative numerical error by outcome, from the entry ``accuracy`` of a manifest.
-    None there stands for infinity."""
+    """Return the relative numerical error by outcome (`sepmc.campaign.execution.accuracy.errors`
+    says relative to what), from the entry ``accuracy`` of a manifest. None there stands for
+    infinity; without errors in it the result is empty."""
     errors = accuracy.get("errors", {})
     return {name: math.inf if error is None else error for name, error in errors.items()}
 

@@ -166,7 +166,7 @@ def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatis
 
 
 def _without_cases(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tree of a campaign file without the requested number of cases."""
+    """Return the tree of a campaign file without the key ``run.cases``, the number of cases."""
     run = {key: value for key, value in tree.get("run", {}).items() if key != "cases"}
     return {**tree, "run": run}
 

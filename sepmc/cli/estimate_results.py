@@ -21,7 +21,8 @@ _MOST_PAIRS = 8  # correlations shown
 
 
 def count_sweeps(log: Log) -> Callable[[float, int], None]:
-    """Return a function that logs the progress of the sampler, at most every five seconds.
+    """Return a function that logs the progress of the sampler, at most every five seconds, and not
+    in the first five.
 
     It is to be called after each move of all cases with the temperature (fraction of the
     information of the measurements that is in use, 0 to 1) and the number of moves so far.

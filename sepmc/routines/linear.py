@@ -207,7 +207,8 @@ def solve_semidefinite(w, a, b, n):
 def _gather(w, source, n, a, b):
     """Copy a system of size n of one lane: the lower triangle of its matrix, which is stored by
     rows from w[source] on, LANES apart, to the matrix at w[a], and the right-hand side that follows
-    it to w[b]."""
+    it to w[b]. Both are then without gaps: element (i, j) is at w[a + i * n + j], and those above
+    the diagonal are not set."""
     noinline()
     k = source
     for i in range(n):

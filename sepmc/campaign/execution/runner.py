@@ -429,8 +429,9 @@ class Runner:
             ) from None
 
     def finish(self) -> None:
-        """Wait for pending writes, then remove saved rows that no rule selects any more, now that
-        all cases are known."""
+        """Wait for pending writes. In a run with statistics and rules for saved rows, then `save`
+        the statistics, and remove the saved rows that no rule selects any more, now that all cases
+        are known."""
         self._wait()
         if self.rows:
             self.save()  # or rows of later cases would be saved twice

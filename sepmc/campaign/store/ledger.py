@@ -66,7 +66,7 @@ class Entry(msgspec.Struct, frozen=True):
     @property
     def cases_text(self) -> str:
         """Cases of a shard in words: "cases 0 to 99", or "3 of the cases from 20 on" if it has
-        selected rows, whose case numbers have gaps."""
+        selected rows, whose case numbers have gaps. Case 20 itself need not be among these."""
         if self.file.startswith(f"{untrusted.SELECTED}/"):
             return f"{self.cases} of the cases from {self.first} on"
         return f"cases {self.first} to {self.first + self.cases - 1}"

@@ -62,7 +62,8 @@ class _Varied:
         )
 
     def row(self, block: Block, i: int) -> dict[str, float]:
-        """Outcomes and audit values of case ``i`` of a block, by column name."""
+        """Outcomes and audit values of case ``i`` of a block, by column name, but in SI units,
+        whatever the unit in the name."""
         return {
             c.name: x for c, x in zip(self.campaign.result_columns, block.outcomes[i], strict=True)
         }

@@ -92,7 +92,7 @@ class Stress:
 
 def beyond(outcomes: Mapping[str, float]) -> tuple[str, ...]:
     """Names of the audit columns whose value in ``outcomes``, by column name, exceeds the bound of
-    `AUDIT_BOUNDS` or is NaN."""
+    `AUDIT_BOUNDS` or is NaN. Columns that ``outcomes`` lacks are not among them."""
     return tuple(
         name
         for name, bound in AUDIT_BOUNDS.items()
@@ -164,7 +164,8 @@ def table(lines: Sequence[Stress]) -> str:
 
 
 def _summary(lines: Sequence[Stress]) -> str:
-    """Text with the number of lines, of each verdict, and of lines that fail."""
+    """Text with the number of lines, of lines by verdict ("accurate", "flagged", "SILENT"), and of
+    those that do not pass (`Stress.passes`)."""
     verdicts = [line.verdict for line in lines]
     by_verdict = ", ".join(f"{verdicts.count(v)} {v}" for v in (ACCURATE, FLAGGED, SILENT))
     return f"{len(lines)} lines: {by_verdict}; {sum(not line.passes for line in lines)} fail"
