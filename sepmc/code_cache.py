@@ -71,7 +71,8 @@ def sources_digest() -> str:
 
 def digest_of(patterns: Sequence[str]) -> bytes:
     """Return the SHA-256 digest of the paths and contents of all files of this package that match
-    one of some patterns with wildcards, such as ``physics/*.py``, relative to its folder."""
+    one of some patterns with wildcards, such as ``physics/*.py``, relative to its folder. A file
+    that matches two patterns counts twice; a pattern without files adds nothing."""
     digest = hashlib.sha256()
     for path in sorted(path for pattern in patterns for path in _HERE.glob(pattern)):
         digest.update(path.relative_to(_HERE).as_posix().encode())

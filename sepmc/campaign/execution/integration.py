@@ -412,7 +412,7 @@ def _apply_estimate(
 
 def _select(indicators: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Rows (m, g) of error indicators (n, g) where the ``mask`` (n,) is True; stored by column, as
-    the indicators are."""
+    the indicators are. It is a copy, or ``indicators`` itself if the mask is True everywhere."""
     return indicators if mask.all() else indicators.T[:, mask].T
 
 

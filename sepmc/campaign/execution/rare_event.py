@@ -323,8 +323,8 @@ def _open_log(
 
 
 def _about(campaign: Definition, seed: int, requirement: str) -> dict[str, str]:
-    """Metadata that each Parquet file of an estimate contains, by key: campaign, digest, seed and
-    requirement."""
+    """Metadata that each Parquet file of an estimate contains, by key: the name of the campaign,
+    its digest, the seed, and the name of the requirement."""
     return {
         "campaign": campaign.name,
         "digest": campaign.digest,

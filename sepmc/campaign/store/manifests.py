@@ -152,8 +152,9 @@ def read_provenance(folder: Path) -> dict[str, Any]:
 
 def changed_files(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
     """Faults of a folder whose manifest, campaign file, sample table or ledger was changed since
-    the manifest was written; empty if none was. If the manifest itself was changed, that is the
-    only fault. ``manifest`` are its entries by key."""
+    the manifest was written, or is gone; empty if none was. If the manifest itself was changed,
+    that is the only fault. The ledger of an incomplete run, which still changes, has none.
+    ``manifest`` are the entries of the manifest by key."""
     if not _is_sealed(manifest):
         reason = "was changed since it was written: the checksum that it contains is not its own"
         return [Finding(f"{folder / folders.MANIFEST}: {reason}")]

@@ -387,7 +387,8 @@ class KernelSpec:
 
     @property
     def bodies(self) -> list[str]:
-        """Names of the moving bodies (without the ground), in the order of their parameters."""
+        """Generated names of the moving bodies (without the ground), in the order of their
+        parameters."""
         return self.layout.bodies
 
     def may_occur(self, path: str, nominally: bool) -> bool:
