@@ -94,7 +94,7 @@ class Study:
     @property
     def own_cases(self) -> int:
         """Number of cases to run with the scene's own formulation: all if it is "reduced", a
-        sixteenth if "full" (see `part`)."""
+        sixteenth, but at least 16, if "full" (see `part`)."""
         return self.part(self.formulation)
 
     @property

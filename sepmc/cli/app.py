@@ -80,8 +80,9 @@ class _Sepmc(Program):
 )
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
-    """Entry point of all commands; makes garbage collection rare, as a command ends soon, and keeps
-    the library of linear algebra of numpy to one thread."""
+    """Prepare this process for any command, before the command itself runs: make garbage collection
+    rare, as a command ends soon, and keep numpy's linear algebra to one thread, unless the
+    environment sets the number."""
     gc_tuning.reduce_collections()
     # matrices here are small: beside other busy processes, threads that wait for one another take
     # up to 300 ms for a correlation matrix that one thread computes in 0.4 ms

@@ -207,7 +207,8 @@ class Studio:
     def settings(self, question: Question) -> dict[str, Any]:
         """Return the changed settings as text: ``command`` and ``python``, which run them, and
         ``toml``, the campaign file. The command and the Python text have the next seed, as these
-        settings were chosen with the cases of the present one."""
+        settings were chosen with the cases of the present one; ``toml`` keeps the seed and the
+        number of cases of the file."""
         campaign, settings, _ = self._changed(question)
         cases, seed = question.cases, question.seed + 1
         return {

@@ -155,7 +155,7 @@ class Body:
 
     def air(self, R: Array, v: Array) -> tuple[float, float, float]:
         """Airspeed, m/s, alpha and beta, rad, from the attitude R (body to ground) and the velocity
-        v over ground, m/s, ground axes."""
+        v over ground, m/s, ground axes. In still air both angles are 0, not NaN."""
         u, v, w = R.T @ (v - self.wind)
         return np.sqrt(u * u + v * v + w * w), np.arctan2(-v, u), np.arctan2(w, np.hypot(u, v))
 

@@ -34,7 +34,7 @@ _SAME_TIME = 2.0 * at.GRAIN
 
 def time_field(kink: str) -> str:
     """Name of the workspace field of the time, s, at which the mode of a kink (the sign of its
-    switching function) last changed."""
+    switching function) last changed; minus infinity before it has changed."""
     return f"SWITCHED_{kink}"
 
 

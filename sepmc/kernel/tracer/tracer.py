@@ -285,7 +285,8 @@ class Scope:
 
     def localize(self, value: Any) -> Any:
         """Return a value as an expression of this scope: a value of the scope of the case is loaded
-        from the workspace field that stores it. Plain numbers are returned unchanged."""
+        from the workspace field that stores it. What is no expression, such as a plain number or a
+        tuple, is returned unchanged."""
         return self._adopt(value) if isinstance(value, Expr) else value
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
