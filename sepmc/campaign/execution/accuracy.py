@@ -256,7 +256,8 @@ def _by_name(
     """Return pairs (relative error, scale) by outcome; an error that ``errors_by_name`` lacks is
     NaN.
 
-    ``outcome_scales`` (o,) are in the order of the outcome columns of the campaign.
+    ``outcome_scales`` (o,) are in the order of the outcome columns of the campaign, and in their
+    units.
     """
     return {
         column.name: (errors_by_name.get(column.name, np.nan), float(scale))

@@ -40,7 +40,8 @@ def _lag_rate(formula: Node, signal: Signal) -> Node:
 
 def _servo_rate(formula: Node) -> Node:
     """Syntax tree of the second time derivative of a signal y that follows its ``formula`` u as a
-    servo: y'' = n (n (u - y) - 2 z y') with the natural frequency n, rad/s, and the damping z."""
+    servo: y'' = n (n (u - y) - 2 z y') with the natural frequency n, rad/s, which is 2 pi times the
+    parameter ``servo.natural``, Hz, and the damping z, the parameter ``servo.damping``."""
     natural = Call("*", (Number(2.0 * math.pi), own_parameter("servo.natural")))
     follows = Call("*", (natural, Call("-", (formula, STATE))))
     damped = Call("*", (Call("*", (Number(2.0), own_parameter("servo.damping"))), STATE_RATE))
