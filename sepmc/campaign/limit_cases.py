@@ -250,9 +250,9 @@ class _LimitSearch:
         return values, margin, np.where(np.isnan(margin), -math.inf, margin)
 
     def lacks(self, item: Requirement, levels: np.ndarray) -> bool:
-        """Return True if the case with levels (d,) has no result for the requirement ``item``. On
-        an outcome: the case is not ok, or does not have the outcome. On a status: the case has
-        neither that status nor ok."""
+        """Return True if the case with levels (d,), -1 to 8 as in `_LimitSearch`, has no result for
+        the requirement ``item``. On an outcome: the case is not ok, or does not have the outcome.
+        On a status: the case has neither that status nor ok. It is simulated if it was not yet."""
         return bool(np.isneginf(self.judge(item, *self.run(levels[None]))[2][0]))
 
     def worst(self, item: Requirement, with_value: bool = False) -> np.ndarray:

@@ -183,7 +183,9 @@ class Result:
         ----------
         *where : str
             Conditions, all of which a case must satisfy to be counted, such as
-            ``"joint.bolt.fails=1"``. Without conditions all cases count.
+            ``"joint.bolt.fails=1"``. Without conditions all cases count. If no ok case satisfies
+            them, a RunWarning says so, and the statistics are NaN, of 0 cases. With conditions the
+            columns of the published reference are absent.
 
         Returns
         -------

@@ -73,7 +73,8 @@ def angle_limits(campaign: Definition, trials: Block) -> dict[int, float]:
 
 def unseen_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
     """Relative error (o,) that an impulse (time integral of a joint load) can have although its
-    error indicator is below the negligible value of `indicator_limits`; 0 for other outcomes.
+    error indicator is below the negligible value of `indicator_limits`; 0 for other outcomes. It is
+    divided by `SAFETY`, as errors of calibration cases are multiplied by that later.
 
     ``trials`` are the results of the calibration cases, ``scale`` (o,) the scales of the outcomes
     (`sepmc.campaign.execution.accuracy.scales`).

@@ -235,8 +235,8 @@ def guide_outcomes(s: State) -> list[Any]:
     Returns
     -------
     list of Expr
-        for each output guide: sliding time, s; maximum load of each pin, at its hole entry or its
-        tip, N (NaN if the guide never slid);
+        for each output guide: sliding time, s (0 if the guide never slid); maximum load of each
+        pin, at its hole entry or its tip, N (NaN if the guide never slid);
         minimum friction coefficient that would have jammed it (NaN if there is none)
     """
     outcomes: list[Any] = []

@@ -82,8 +82,8 @@ def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
         name of a Runge-Kutta method, or AUTO (`sepmc.kernel.spec.methods`): the kernel then has
         several methods for each segment, of which a run selects one
     history : int
-        which rows over time the kernel can write: `NO_HISTORY`, `SEPARATION_HISTORY` (of joints) or
-        `FULL_HISTORY`
+        which rows over time the kernel can write: `NO_HISTORY`, `SEPARATION_HISTORY` (of joints; as
+        `NO_HISTORY` in a scene without joints) or `FULL_HISTORY`
 
     Returns
     -------

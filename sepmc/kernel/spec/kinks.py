@@ -56,8 +56,9 @@ def kink_name(number: int) -> str:
 @dataclass(frozen=True)
 class Kink:
     """Call in the formula of a signal (abs, min, a comparison, ...) that is not smooth where its
-    switching function is zero. ``node`` is the call in the syntax tree of ``signal``. Its switching
-    function is its argument if it has one, or its first argument minus its second."""
+    switching function is zero. ``node`` is the call in the syntax tree of ``signal``, a generated
+    name. Its switching function is its argument if it has one, or its first argument minus its
+    second."""
 
     signal: str
     node: Call
@@ -67,7 +68,7 @@ class Kink:
 class SlackKink:
     """Kink of a spring that only pushes: its force is cut off at zero. The switching function is
     the force before that (`sepmc.kernel.emit.slack.slack_force`). ``spring`` is the spring's
-    name."""
+    generated name."""
 
     spring: str
 

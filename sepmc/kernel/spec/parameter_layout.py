@@ -454,8 +454,8 @@ def separation_sign(scene: Scene, name: str) -> int:
     -------
     int
         1 if the second body moves away along +x, else -1: the joint's ``apart`` of the file, if
-        given; else the side along x of the second body's mass centre, 1 if it is level with that of
-        the first to round-off
+        given; else the side along x of the second body's mass centre, seen from that of the first
+        body (from the joint's point if that body is the ground); 1 if both are level to round-off
     """
     joint = scene.joint[name]
     if joint.apart is not None:
