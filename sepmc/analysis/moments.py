@@ -8,7 +8,7 @@ from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 
 
 class Group(NamedTuple):
-    """Moments of a group of ``n`` values of an outcome.
+    """Moments of a group of ``n`` values of an outcome, at least one and none of them NaN.
 
     ``case_min`` and ``case_max`` are the first cases with the extremes ``min_value`` and
     ``max_value``, which may be infinite; ``infinite`` is the sum of the infinite values: 0 if there

@@ -78,7 +78,8 @@ def load(
     Raises
     ------
     SceneError
-        If the file has errors; the message lists each with the path of its key.
+        If there is no such file, folder or shipped campaign, or the file has errors; the message
+        lists each with the path of its key.
     StoreError
         If the run folder has the format of another version of sepmc, or contains links, or
         ``verify`` finds that it was changed.
@@ -229,7 +230,8 @@ class Campaign(Definition):
     ) -> Session:
         """Make a session, which runs many designs with one kernel and one selection of steps.
 
-        A design is a value for each design variable; all else is as in the campaign.
+        A design is a value for each design variable; all else is as in the campaign. The steps are
+        selected at once, for all designs within the ranges.
 
         Parameters
         ----------
@@ -239,7 +241,8 @@ class Campaign(Definition):
         threads : int, optional
             As for `run`.
         announce : callable (text), optional
-            Called with messages, such as on the compilation of a kernel.
+            Called with messages, such as on the compilation of a kernel. If None, the session's
+            notes are issued as `sepmc.RunWarning`.
 
         Returns
         -------

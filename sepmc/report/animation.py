@@ -39,7 +39,9 @@ def animate(
     The view moves with the common centre of mass and keeps the initial attitude of the first body:
     stations run to the right, as in drawings of the vehicle. It begins at the size of the vehicle
     and widens as the bodies separate. The square that marks a joint is filled until its release; an
-    arrow is the constraint force on a joint's second body, scaled to the largest one.
+    arrow is the constraint force on a joint's second body, scaled to the largest one. At most
+    `FRAMES` frames are written, at about equal steps of time, so that every animation takes about
+    as long.
 
     Parameters
     ----------

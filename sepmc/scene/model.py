@@ -169,11 +169,11 @@ class Aerodynamics(_Table, frozen=True, kw_only=True):
 class Part(_Table, frozen=True, kw_only=True):
     """A part of a body's outline: a cone frustum (two stations and radii, m; a cylinder if the
     radii are equal), whose axis is parallel to the layout's at ``offset`` (y, z, m), or layout
-    points (m).
+    points (m). Of a frustum ``points`` is empty; of points ``stations`` and ``radii`` are None.
 
     A hollow frustum is the inner surface of a shell: clearance is measured from inside it. With a
-    ``sector`` only the lateral surface between two angles is left, a thin wall with two sides. A
-    clearance can be limited to parts that have a ``name``.
+    ``sector`` only the lateral surface from its first to its second angle (rad, about body x) is
+    left, a thin wall with two sides. A clearance can be limited to parts that have a ``name``.
     """
 
     name: Name | None = None

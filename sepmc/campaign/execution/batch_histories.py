@@ -52,7 +52,8 @@ class _Way:
 
 
 class BatchHistories:
-    """Callable that integrates cases of a campaign and returns their histories on common times.
+    """Callable that integrates cases of a campaign and returns their histories on common times:
+    an array (n, c, t) for n cases, c columns and t times, in the units of the columns.
 
     Creating one loads the kernel and selects the steps.
 

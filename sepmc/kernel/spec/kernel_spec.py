@@ -25,7 +25,7 @@ Kinds = dict[int, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Row:
-    """Constraint row: one scalar constraint equation of a joint.
+    """Constraint row: one scalar constraint equation of a joint, given by its generated name.
 
     ``code`` is its type as in `sepmc.routines.layout`: 0 to 2 for no translation along axis x, y or
     z; ROTATION + 3 i + j for axis i of the second body perpendicular to axis j of the first; ROD.
