@@ -23,8 +23,8 @@ def balance(w, system, ends, out):
         Workspace.
     system : int
         Position of the data of the lane, LANES apart. For each guide: its friction per newton of
-        load, of either sign; then, for each end of its pins, the force (y, z) without friction, N, and the force
-        (y, z) per newton of the friction of each guide.
+        load, of either sign; then, for each end of its pins, the force (y, z) without friction, N,
+        and the force (y, z) per newton of the friction of each guide.
     ends : tuple of int
         Number of pin ends of each guide: two for each pin.
     out : int

@@ -1,5 +1,5 @@
 """Kernel specification: everything that the emitter (`sepmc.kernel.emit`) needs to know of a scene
-and its dispersions to write a kernel.
+and its dispersions to write a kernel. Bodies, joints and other items have their generated names.
 
 It describes structure (segments of time, rigid groups, constraint rows, events, outputs), not
 values of parameters: scenes with equal structure share one compiled kernel.

@@ -110,7 +110,8 @@ class ParameterLayout:
     ``contents`` names the parts of the scene that have outcome columns. ``outlines`` maps each body
     with a dispersed outline to the index in ``nominal`` of its first part (layout.PART_SIZE numbers
     per part). ``extremes`` are two scenes, with all dispersed parameters at their minimum and at
-    their maximum; empty if not known.
+    their maximum; empty if not known. All names are those of the items of ``scene``: generated ones
+    in the layout of a `KernelSpec`, else those of the file.
     """
 
     scene: Scene
