@@ -277,8 +277,8 @@ class Context:
 
 
 def change_time(joint: str, number: int) -> str:
-    """Name of the workspace field of the time at which a joint changed to the kind with this
-    number."""
+    """Name of the workspace field of the time, s, at which a joint changed to the kind with this
+    number, or past it to one of a higher number; NaN before."""
     return f"CHANGE_TIME_{joint}_{number}"
 
 

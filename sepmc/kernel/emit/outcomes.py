@@ -72,7 +72,7 @@ def emit_outcomes(out: Text, c: Context) -> None:
 
 def event_field(event: str) -> str:
     """Name of the workspace field of the state vector at an observation event, followed by pitch
-    and roll, rad, of each body."""
+    and roll, rad, of each body; all NaN before the event."""
     return f"AT_{event}"
 
 
@@ -251,7 +251,7 @@ def emit_results(text: Text, c: Context) -> None:
 
 def tip_off_field(joint: str, body: str) -> str:
     """Name of the workspace field of the angular rates of a body, body axes, rad/s, at the instant
-    at which a joint becomes free."""
+    at which a joint becomes free; NaN before."""
     return f"TIP_OFF_{joint}_{body}"
 
 
