@@ -407,8 +407,9 @@ def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
 
 
 def _share_scale(axes: Sequence[Axes]) -> None:
-    """Set the same vertical limits, from the lowest to the highest of all ``axes``, except in those
-    whose own limits span less than 5 % of these: they keep them and are labelled ``own scale``."""
+    """Set the same vertical limits in all ``axes``: the lowest and the highest limit of any of
+    them. Axes whose own limits span less than 5 % of that keep their own, and are labelled ``own
+    scale``."""
     limits = np.array([ax.get_ylim() for ax in axes])
     low, high = limits[:, 0].min(), limits[:, 1].max()
     for ax, (own_low, own_high) in zip(axes, limits, strict=True):

@@ -96,8 +96,8 @@ class Converged:
         Status of each case at that step.
     change : ndarray, shape (n, o)
         Relative change of each outcome: the largest of the last two halvings, or that of the last
-        one if ``agreements`` was 1. Of a decisive outcome it
-        is infinite if one of them changed the status.
+        one if ``agreements`` was 1. Of a decisive outcome it is
+        infinite if one of these halvings changed the status.
     converged : ndarray of bool, shape (n,)
         True for cases that converged.
     """
