@@ -12,7 +12,8 @@ _EXACT = 2.0**53  # a float holds integers exactly up to this
 
 def scalars(counter: Any) -> np.ndarray:
     """Return the attributes of an accumulator that are single numbers as one array (k,), in the
-    order in which they were first set; integers are exact up to 9e15."""
+    order in which they were first set; integers are exact up to 9e15. True and False are numbers,
+    1 and 0; None, arrays and all other attributes are left out."""
     return np.array(list(_scalars(counter).values()), dtype=np.float64)
 
 
@@ -34,8 +35,8 @@ def set_scalars(counter: Any, numbers: np.ndarray) -> None:
 
 
 def _scalars(counter: Any) -> dict[str, Any]:
-    """Return the attributes of an accumulator that are numbers, by name, in the order in which they
-    were first set."""
+    """Return the attributes of an accumulator that are numbers (also True and False), by name, in
+    the order in which they were first set."""
     return {
         name: value
         for name, value in vars(counter).items()

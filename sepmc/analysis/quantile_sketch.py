@@ -291,8 +291,8 @@ class _Grid:
 
     def counts_below(self, edges: np.ndarray) -> np.ndarray:
         """Return the numbers (m,), rounded, of finite values below increasing edges (m,), as if the
-        values counted in a bin were spread evenly over it; a last edge at the largest value or
-        above counts all."""
+        values counted in a bin were spread evenly over it, or were all at its atom if it has one;
+        a last edge at the largest value or above counts all."""
         left, right, counts = self.bins()
         # a value at an edge is not below it
         right = np.where(left == right, np.nextafter(right, np.inf), right)

@@ -176,8 +176,9 @@ class SurrogateMove:
         return log_ratio.copy()
 
     def _log_likelihood(self, values: np.ndarray) -> np.ndarray:
-        """Return the logarithm (n,) of the surrogate's likelihood, raised to the temperature, at
-        coordinates ``values`` (n, d)."""
+        """Return the logarithm (n,) of the surrogate's likelihood to the power `temperature`,
+        without its constant. ``values`` (n, d) are coordinates as `Coordinates.of` makes them from
+        scores."""
         components = _terms(values, self.first, self.second) @ self.fit
         return np.asarray(-0.5 * self.temperature * (components**2).sum(axis=1))
 

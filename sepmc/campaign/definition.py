@@ -173,7 +173,8 @@ class Definition:
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
     def stored_history_columns(self, wanted: bool = True) -> list[Column]:
-        """Return the columns of the separations over time that a run stores.
+        """Return the columns of the separations over time that a run stores, which follow ``case``
+        and ``time_s``.
 
         Parameters
         ----------

@@ -463,8 +463,8 @@ class Session:
 
     @property
     def _runs(self) -> Definition:
-        """Copy of the box in which the derived numbers (`DesignBox.derived`) are inputs of the
-        kernel too."""
+        """New copy of `box`, at every access, in which the derived numbers (`DesignBox.derived`)
+        are inputs of the kernel too."""
         runs = copy.copy(self.box)
         runs.__dict__["slots"] = self.box.slots_with_derived
         return runs
@@ -589,10 +589,11 @@ def _part(block: Block, first: int, end: int) -> Block:
 def _summarise(
     box: Definition, errors: Mapping[str, float], block: Block, cases: int
 ) -> list[dict[str, Any]]:
-    """Return the rows of `DesignTable.summary`, without the values of the designs, from a block
-    that has the cases of one design after the other, ``cases`` each. ``box`` is the campaign with
-    the requirements. ``errors`` are the relative numerical errors by outcome, which the verdicts
-    take into account."""
+    """Return the rows of `DesignTable.summary` (number of ok cases, verdicts with their counts,
+    largest error), without the values of the designs, from a block that has the cases of one
+    design after the other, ``cases`` each. ``box`` is the campaign with the requirements.
+    ``errors`` are the relative numerical errors by outcome, which the verdicts take into
+    account."""
     rows = []
     for first in range(0, len(block.status), cases):
         part = _part(block, first, first + cases)

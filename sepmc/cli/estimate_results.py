@@ -67,7 +67,7 @@ def write_estimation(estimation: Estimation, folder: Path, figure: bool) -> list
 
 def _summary(estimation: Estimation) -> dict[str, Any]:
     """Return the content of ``posterior.json``, by key: numbers on the sampler and its sample,
-    correlations of the parameters, and the check of the model against the measurements."""
+    the pairs of correlated parameters, and the check of the model against the measurements."""
     check, sample = estimation.check, estimation.sample
     tests = {"blocks": check.blocks, "parameters": check.parameters, "noise": check.noise}
     return {

@@ -134,9 +134,9 @@ def use_threads(count: int | None) -> int:
 
 @contextlib.contextmanager
 def using_threads(count: int | None) -> Iterator[int]:
-    """Context in which compiled code runs on ``count`` threads (1 to `max_threads`; None: all); it
-    yields the number in use. The former number is restored at its end. Raises InputError as
-    `in_use`."""
+    """Context in which compiled code runs on ``count`` threads; None, or more than `max_threads`:
+    on all. It yields the number in use, 1 in a forked process. The former number is restored at
+    its end. Raises InputError as `in_use`."""
     before = in_use()
     try:
         yield use_threads(count)

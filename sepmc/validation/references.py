@@ -575,7 +575,7 @@ def tip_off(
 
     def rate(a: float) -> float:
         # rise = lever of the half angle times the chord, exact and without cancellation
-        """Rate, rad/s, at the angle a < 0, rad, from energy."""
+        """Rate da/dt, rad/s, at the angle a < 0, rad, from energy; it is negative."""
         rise = 2.0 * math.sin(0.5 * a) * (ahead * math.cos(0.5 * a) - above * math.sin(0.5 * a))
         return -math.sqrt(-2.0 * pull * rise / (inertia + mass * lever(a) ** 2))
 

@@ -351,8 +351,8 @@ class AchievedAccuracy:
 
     @property
     def worst_position(self) -> tuple[str, float] | None:
-        """Name and relative error of the outcome among `positions` with the largest error; None
-        if there are none."""
+        """Name and relative error of the outcome in `positions` (times and positions of extremes,
+        and contact) with the largest error; None if there are none."""
         errors = {name: error for name, error in self.errors.items() if name in self.positions}
         return _largest(errors) if errors else None
 

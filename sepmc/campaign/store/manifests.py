@@ -62,8 +62,9 @@ def _is_sealed(manifest: Mapping[str, Any]) -> bool:
 
 def forget_damaged(folder: Path, endings: tuple[str, ...]) -> list[str]:
     """Remove missing or damaged files whose names have one of the ``endings`` from the ledger of a
-    folder, and seal the manifest again; return their names. The files are not deleted. Raises
-    StoreError if the manifest cannot be read."""
+    folder, and seal the manifest again; return their names. Nothing is written if there are none.
+    The files are not deleted. Raises StoreError if the manifest must be sealed but cannot be
+    read."""
     entries = ledger.read(folder)
     candidates = [(name, entry) for name, entry in entries.items() if name.endswith(endings)]
     damaged = [name for name, entry in candidates if shards.find_fault(folder, entry)]
@@ -374,7 +375,7 @@ def _no_run(folder: Path) -> StoreError:
 
 def versions() -> dict[str, Any]:
     """Entries of a manifest, by key, on versions (of sepmc, Python and packages) and the kind of
-    machine."""
+    machine: processor architecture and operating system, such as "x86_64 Linux"."""
     packages = {
         "numpy": np.__version__,
         "numba": version("numba"),

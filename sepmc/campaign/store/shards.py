@@ -268,7 +268,7 @@ def _read_entry(
     folder: Path, entry: ledger.Entry, columns: Sequence[str] | None = None
 ) -> pa.Table:
     """Read some columns, or all if None, of the shard of a ledger entry as an Arrow table. Raises
-    StoreError if it is damaged.
+    StoreError if it is damaged, lacks a column, or has other cases than its entry says.
 
     `pyarrow.parquet.read_table` is not used: it would import the data set module (30 ms).
     """

@@ -217,6 +217,7 @@ def _free_rotations(rows: list[JointRow]) -> list[Any]:
 
 
 def _perpendicular(along: Any) -> list[Any]:
-    """Two unit vectors that are perpendicular to the unit vector ``along`` and to each other."""
+    """Two unit vectors that form a right-handed frame with the unit vector ``along``, which is the
+    first of its axes."""
     one = vec3.perpendicular(along).called("perpendicular")
     return [one, vec3.cross(along, one)]

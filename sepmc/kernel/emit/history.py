@@ -27,7 +27,7 @@ def emit_history(out: Text, c: Context) -> None:
     rows of the step just made into the output array, and the functions it calls. ``phase`` is the
     number of the segment, ``first`` that of the case in the first lane, ``a`` has the input and
     result arrays of the kernel. Rows are separations at equal time intervals, or full rows at
-    requested instants (`Context.history`)."""
+    requested instants (`Context.history`). Not to be called for a kernel without history."""
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return

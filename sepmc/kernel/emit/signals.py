@@ -356,13 +356,13 @@ class Quantities:
 
     def _event(self, quantity: Quantity) -> Jet:
         """Jet (value and time derivatives) of the time since the event ``quantity.item``, s; 0
-        before it."""
+        before it, and while it has not occurred."""
         return self._since(f"EVENT_TIME_{quantity.item}", math.inf)
 
     def _since(self, field: str, never: float) -> Jet:
         """Jet (value and time derivatives) of the time, s, since the instant stored in a workspace
-        field; 0 before it. The field has the value ``never`` (infinity or NaN) while the instant is
-        not known."""
+        field; 0 before it. Its rate is 1 from that instant on, or always 0 unless ``moving``. The
+        field has the value ``never`` (infinity or NaN) while the instant is not known."""
         self.s.c.start(field, never)
         begun = self.s.scope.load(field)
         passed = begun <= self.s.time

@@ -65,7 +65,8 @@ class Names:
 
     def path(self, path: str) -> str:
         """Parameter path, such as ``body.upper.mass``, with the name of its item replaced by the
-        generated one; paths of tables without such names stay as they are."""
+        generated one; a path of another table, or of a name that is not in the file, stays as it
+        is."""
         head, _, rest = path.partition(".")
         name, dot, tail = rest.partition(".")
         return f"{head}.{self.of[head].get(name, name)}{dot}{tail}" if head in self.of else path

@@ -215,8 +215,9 @@ def angles() -> list[Stress]:
 
 
 def angles_at_long_steps() -> list[Stress]:
-    """Lines of `sepmc stress` on pitch and roll, deg, of random tumbling at 0.1 to 1.3 rad in a
-    step of 0.05 s: they must agree within 1 deg with those in steps of 5 ms, or be flagged."""
+    """Lines of `sepmc stress`, one for each of 12 rates, on pitch and roll, deg, of random
+    tumbling at 0.1 to 1.3 rad in a step of 0.05 s: at all rows of the history they must agree
+    within 1 deg with those in steps of 5 ms, or be flagged."""
     lines = []
     random = np.random.default_rng(1)
     for number in range(12):
