@@ -243,7 +243,7 @@ def saltelli_indices(groups: SaltelliGroups) -> tuple[np.ndarray, np.ndarray]:
 
 def few_cases_warning(grouped: np.ndarray, y: np.ndarray) -> str:
     """Return the warning that indices have no intervals, as a few outliers determine the variance
-    of an outcome ``y`` (n,); an empty string if they do not.
+    of an outcome ``y`` (n,), which must not be constant; an empty string if they do not.
 
     ``grouped`` (d, n) are inputs of few values, each with enough cases. Outliers that they explain
     do not count: the means of the outcome over the cases of each value are subtracted first.

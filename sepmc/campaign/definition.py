@@ -298,8 +298,9 @@ class Definition:
 
     @property
     def digest(self) -> str:
-        """Digest (16 hexadecimal digits) of all that determines the outcomes of a case, but for the
-        seed: runs of equal digest and seed have equal rows."""
+        """Digest (16 hexadecimal digits) of all in the file and its sample table that determines
+        the outcomes of a case, but for the seed: runs of equal digest and seed have equal rows. It
+        does not depend on the version of sepmc."""
         text = msgspec.json.encode(self._contents, order="deterministic")
         return hashlib.sha256(text).hexdigest()[:16]
 

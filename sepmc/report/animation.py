@@ -220,8 +220,8 @@ def _hull(points: np.ndarray) -> np.ndarray:
 
 def _mark_points(name: str, body: Body, scene: Scene) -> np.ndarray:
     """Return layout points (n, 3), m, of a line from the centre of mass of the body ``name`` to its
-    first joint, back, to its second joint, and so on; it is drawn for a body without an outline.
-    Without joints it is the centre of mass alone."""
+    first joint, back, to its second joint, and so on; it ends at its last joint. It is drawn for a
+    body without an outline. Without joints it is the centre of mass alone, (1, 3)."""
     points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
     return np.array([point for joint in points for point in (body.cg, joint)] or [body.cg])
 

@@ -254,7 +254,8 @@ def _is_inner_summit(previous, current, following):
 def _is_end_summit(end, inner, slope):
     """Return 1.0 if the magnitude has a peak between an end of the step and the next node, else
     0.0: it rises from the end into the step, but is not higher at the next node. ``end`` is its
-    value at the end, ``inner`` that at the node, ``slope`` its slope at the end, into the step."""
+    value at the end, ``inner`` that at the node, ``slope`` its slope at the end, into the step (of
+    the polynomial through all nodes)."""
     rises = 0.0 if end < inner else 1.0
     return rises if slope > _STEEP * end else 0.0
 
@@ -406,8 +407,8 @@ def set_coefficients(nodes, stride, w, scratch):
 def rises(sizes, w, i):
     """Return True if the magnitude has a peak next to node ``i``, from its values at the nodes at
     w[sizes]: at an inner node it is higher than at the node before and not lower than at the node
-    after; at the first and the last node it rises from the end into the step, but is not higher at
-    the next node."""
+    after; at the first and the last node (the ends of the step) the slope of the polynomial through
+    all nodes rises into the step, but the next node is not higher."""
     if 0 < i < COUNT - 1:
         return _is_inner_summit(w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]) > 0.0
     first, step, slope = (sizes, 1, 0.0) if i == 0 else (sizes + COUNT - 1, -1, 0.0)

@@ -320,5 +320,6 @@ def _doubtful_errors(
 
 def _worst_cases(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
     """Indices of the cases whose largest relative error (``errors_of_cases``, (n,)) is above the
-    ``goal``, largest error first, at most `_N_WORST` of them."""
+    ``goal``, largest error first, at most `_N_WORST` of them. Cases whose error is NaN are left
+    out."""
     return np.argsort(-errors_of_cases)[: min(_N_WORST, np.count_nonzero(errors_of_cases > goal))]

@@ -367,7 +367,7 @@ class Runner:
     def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
         """Wait until the chunks before are stored, then let the sink store these in the background;
         return an empty list, for the next chunks. At most one list is pending, so memory is
-        bounded."""
+        bounded. For an empty list nothing is waited for or stored."""
         if chunks:
             self._wait()
             self._writing = self._writer.submit(self._take, chunks)

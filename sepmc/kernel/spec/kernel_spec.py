@@ -294,8 +294,8 @@ class Segment:
         return tuple(k for k, codes in self.joint_kinds[joint].items() if not codes)
 
     def sliding_kinds(self, joint: str) -> tuple[int, ...]:
-        """Numbers of those possible kinds of a joint in the segment in which its pins are engaged
-        and may slide."""
+        """Numbers of those possible kinds of a joint in the segment in which pins would be engaged
+        and may slide (`leaves_pins_sliding`). Whether the joint has pins is not asked."""
         return tuple(
             k for k, codes in self.joint_kinds[joint].items() if leaves_pins_sliding(codes)
         )
