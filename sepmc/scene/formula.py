@@ -307,7 +307,8 @@ def _call(function: str, arguments: tuple[Node, ...]) -> Node:
 def apply(function: str, arguments: tuple[Node, ...]) -> Node:
     """Node of a function or operator, by its name in formulas, applied to nodes; if these are
     constants and the result is a number, the node of that number. Raises FormulaError if it does
-    not take this number or type of arguments, or the value is undefined."""
+    not take this number or type of arguments, or the value is undefined or too large. The name is
+    not checked."""
     if function in FUNCTIONS:
         return _function(function, arguments)
     return _call(function, arguments)

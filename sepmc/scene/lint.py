@@ -101,9 +101,10 @@ def _nearly_level(scene: Scene) -> Iterator[str]:
 
 def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
     """Layout points (station, y, z) of a scene, m, by a label for messages: the path of their key
-    without its unit, or that of a part of an outline and, in brackets, the index of the point or of
-    the end of a frustum, from 0. Frustums have the centres of their two ends; second points of
-    springs and joints, and loads without a point, are left out."""
+    without its unit, or that of a part of an outline (by its name or index) and, in brackets, the
+    index of the point or of the end of a frustum, from 0: ``body.upper.outline.0 (1)``. Frustums
+    have the centres of their two ends; second points of springs and joints, and loads without a
+    point, are left out."""
     points = {f"body.{name}.cg": body.cg for name, body in scene.body.items()}
     points |= {f"joint.{name}.point": joint.point for name, joint in scene.joint.items()}
     points |= {f"spring.{spring.name}.point": spring.point for spring in scene.spring}

@@ -221,7 +221,8 @@ class SelectedRowWriter:
 
     def _write_final(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
         """Write a shard of those of the ``rows`` (by column) that are still selected when all cases
-        are known; return its ledger entry. ``first``, a case number, is part of its file name."""
+        are known; return its ledger entry. ``first``, a case number, is part of its file name. If
+        none is selected, the shard has no rows."""
         reasons = self.selection.final_reasons(rows["case"], rows[REASON.name])
         is_kept = reasons != ""
         selected = {name: values[is_kept] for name, values in rows.items()} | {

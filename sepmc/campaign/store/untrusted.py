@@ -31,7 +31,7 @@ _TEXT_COLUMNS = ("status", "phase", "kept_as")
 
 class StoreError(Exception):
     """A run folder, or a file of it, cannot be used as requested; the argument is the message for
-    the user."""
+    the user. It is neither an InputError nor a ValueError."""
 
 
 def check_entries(folder: Path) -> None:

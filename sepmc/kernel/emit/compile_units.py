@@ -159,8 +159,9 @@ def kernel_properties(text: str) -> dict[str, Any]:
 
 def _as_unit(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
     """Return a copy of a kernel function as the function of a compile unit: called `ENTRY`, with
-    the address of the workspace as first argument, without docstring. ``codes`` are the letters of
-    the types of its other arguments (`sepmc.translator.units.compile_unit`)."""
+    the address of the workspace as first argument, from which its first line makes ``w``; without
+    docstring and the mark against inlining. ``codes`` are the letters of the types of its other
+    arguments (`sepmc.translator.units.compile_unit`)."""
     mark, start = (
         ast.parse(line).body[0]
         for line in (f"@compile_unit({codes!r})\ndef {ENTRY}(): ...", _START)

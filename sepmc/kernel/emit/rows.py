@@ -167,8 +167,8 @@ class Rows:
     def _translation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """Terms of a row that constrains a translation, or the length of a rod, as six values:
         direction, moment on the first and on the second body per unit of the multiplier (the
-        ``arms`` of `JointRow`, m), gamma (m/s2), residual (m), rate of the residual (m/s). ``pair``
-        is that of the joint's points."""
+        ``arms`` of `JointRow`, m), gamma (m/s2), residual (m), rate of the residual (m/s). Vectors
+        are in ground axes. ``pair`` is that of the joint's points."""
         if row.code == at.ROD:
             line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
             length = square_root(vec3.dot(gap, gap)).called("rod")
