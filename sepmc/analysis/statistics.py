@@ -36,7 +36,7 @@ REFERENCED = ("mean", "sigma", "min", "max")
 class Histogram(NamedTuple):
     """Histogram of the ``n`` finite values of an outcome, with their mean, sigma, minimum ``low``
     and maximum ``high``: ``counts`` (k,) between increasing ``edges`` (k + 1,). If all values are
-    equal, edges and counts are empty."""
+    equal to a relative 1e-12, edges and counts are empty."""
 
     n: int
     mean: float

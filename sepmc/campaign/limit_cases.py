@@ -178,7 +178,8 @@ class _LimitSearch:
     @cached_property
     def single(self) -> np.ndarray:
         """Levels (n, d) of the n cases in which one varied input is at one of the levels `ends`
-        (low, high and, for a wide angle, seven between) and all other inputs are at 0, nominal."""
+        (low, high and, for a wide angle, seven between) and all other inputs are at 0, nominal.
+        Levels are codes, -1 to 8, not values."""
         rows = [self._changed(self.nominal, k, to) for k in self.varied for to in self.ends(k)]
         return np.array(rows)
 

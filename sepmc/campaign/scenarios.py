@@ -28,7 +28,7 @@ class ScenarioRuns:
     results : dict of str to Result
         By name of the scenario; the campaign itself is the first, ``baseline``.
     titles : dict of str to str
-        Title of each, by the same names.
+        Title of each, by the same names; empty if the file gives none.
     """
 
     results: dict[str, Result]

@@ -407,7 +407,8 @@ def _least(d0, d1, curvature, dt):
 def _most(x0, x1, move, curvature, dt):
     """Return an upper bound of a coordinate in an interval of length ``dt``, from its values x0 and
     x1 at the ends, if it moves by at most ``move`` and the size of its second derivative is at most
-    ``curvature``."""
+    ``curvature``: the lower one of the bounds by each of these, the first being the larger end
+    value plus ``move``."""
     return min(max(x0, x1) + move, -_least(-x0, -x1, curvature, dt))
 
 

@@ -61,8 +61,8 @@ class Quantity(NamedTuple):
     """Quantity of the flight that a formula names, such as ``upper.pitch_deg``.
 
     ``table`` is "time", "body", "joint", "spring" or "event", ``item`` the name of that body,
-    joint, spring or event (empty for time), ``key`` the quantity without unit ("pitch"), ``factor``
-    the factor from the unit of the name to SI.
+    joint, spring or event (empty for time), ``key`` the quantity without unit ("pitch",
+    "time_since" of an event), ``factor`` the factor from the unit of the name to SI.
     """
 
     table: str

@@ -43,7 +43,8 @@ _QUESTIONS = ("run", "replay", "map", "slider", "settings")
 
 
 class Server(ThreadingHTTPServer):
-    """HTTP server of a studio. A new one is bound to a port of this machine, but not yet serving.
+    """HTTP server of a studio. A new one is bound to a port of this machine, but not yet serving;
+    `address` has that port.
 
     Parameters
     ----------

@@ -249,7 +249,8 @@ def _flag_graze(
 def _may_rise(previous: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> Any:
     """Condition that a quantity may reach zero from below between two instants that are ``length``
     apart, s: it rises at the first (value ``previous``, rate ``slope``), falls at the second (value
-    ``value``, rate ``rate``), and its tangents there intersect at or above zero."""
+    ``value``, rate ``rate``), and its tangents there intersect at or above zero. Whether both
+    values are below zero is not asked."""
     turns = (slope > 0.0) & (rate < 0.0)
     return turns & (
         previous + slope * (value - previous - rate * length) / where(turns, slope - rate, 1.0)
