@@ -29,7 +29,7 @@ class Reference:
     change : float
         Largest relative error of the outcomes at half as many steps.
     other : str
-        The check: the other formulation, its method and steps in words.
+        The check, which every reference has: the other formulation, its method and steps in words.
     difference, checked : float, int
         Largest relative error between the check and the reference, and the number of cases of the
         check.

@@ -49,7 +49,8 @@ class Allocation:
     passes : bool
         True if that run shows all requirements: every verdict is pass.
     factors : dict of str to float
-        Proposal: factor of the spread, by key of the input. Empty if nothing is to be scaled.
+        Proposal: factor of the spread, by key of the input: that of doubling for all if the
+        campaign ``passes``, else that of halving. Empty if nothing is to be scaled.
     settings : dict
         The proposal as settings for `Campaign.with_settings`: distributions by TOML path.
     shown : bool

@@ -111,8 +111,9 @@ def search_clearance(w, job):
 @routine
 def load_outline(w, out, source, parts):
     """Copy the parts of an outline that differs from case to case, for one lane, to w[out] and
-    following, in the form of `layout.PART_SIZE`: with a length in place of the second station. Both
-    radii of a part of no length become the larger one.
+    following, in the form of `layout.PART_SIZE`: with a length in place of the second station, 0
+    for a point; of the angles of a sector, with the second minus the first in place of the second.
+    Both radii of a disc (equal stations) become the larger one.
 
     Parameters
     ----------
@@ -125,7 +126,7 @@ def load_outline(w, out, source, parts):
         hollow, 2 sector); layout point of its start (3); station of its other end (NaN: a point);
         radius at both ends. The angles of a sector follow it, the second in place of the width.
     parts : int
-        Number of parts.
+        Number of parts; the angles of a sector count as one more.
     """
     for n in range(parts):
         target, origin = out + at.PART_SIZE * n, source + at.PART_SIZE * n * LANES

@@ -39,7 +39,7 @@ class InputTable:
         For each column that is not numeric, by name, a text for messages on its first value that is
         no number.
     rows_in_file : ndarray (n,), optional
-        Index in the file, from 0, of each row.
+        Index in the file, from 0, of each row. None: not known; messages then give no line.
     """
 
     path: Path

@@ -55,7 +55,8 @@ class Question(msgspec.Struct, forbid_unknown_fields=True):
     Attributes
     ----------
     values, spreads : dict of str to float
-        Positions of the sliders that were moved; see `sepmc.studio.sliders.moved_campaign`.
+        Positions of the sliders that were moved, by key: values in the unit of the key, and factors
+        of spreads; see `sepmc.studio.sliders.moved_campaign`.
     cases, seed : int
         Number of cases of the run, and its seed.
     outcomes : tuple of str

@@ -139,8 +139,8 @@ def errors(outcomes: np.ndarray, reference: np.ndarray, scale: np.ndarray) -> np
 
     The error is the absolute difference from the reference, divided by the size of the reference
     value or by the scale of the outcome, whichever is larger. So an outcome near zero has no
-    unbounded relative error. Two NaN at the same place have the error 0; a number and NaN have an
-    infinite error.
+    unbounded relative error. Two equal values, also infinite ones, and two NaN at the same place
+    have the error 0; a number and NaN have an infinite error. No error is NaN.
 
     Parameters
     ----------

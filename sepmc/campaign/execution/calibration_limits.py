@@ -92,8 +92,9 @@ def direct_errors(campaign: Definition, trials: Block, scale: np.ndarray) -> np.
 
     Over each step, a kernel represents the load by a polynomial; the indicator is the largest error
     of its integral over a step, in the unit of the impulse. The result is `SAFETY` divided by the
-    smallest size of the impulse in the calibration cases, whose results, with error indicators, are
-    ``trials``; a size below the scale of the outcome, from ``scale`` (o,), counts as that scale.
+    smallest size of the impulse in the calibration cases that have outcomes (`Block.has_outcomes`).
+    ``trials`` are the results of these cases, with error indicators; a size below the scale of the
+    outcome, from ``scale`` (o,), counts as that scale.
     """
     assert trials.indicators is not None
     impulses = _impulse_indices(campaign)

@@ -184,7 +184,8 @@ def _layout(scene: Scene, contents: Contents) -> ParameterLayout:
 
 class _SingleRun:
     """Integrations of one case by one kernel variant, at more and more steps: in plain Python, or
-    compiled if that takes too long.
+    compiled if that takes too long. A new one has loaded the kernel in plain Python, and integrated
+    nothing.
 
     ``steps`` (segments,) always are numbers of steps, not their lengths: one for each segment of
     the kernel, that is a phase or a part of one. If the file gives the step, each is the number of

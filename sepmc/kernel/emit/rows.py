@@ -40,10 +40,10 @@ class JointRow:
     ``e`` is the direction of a translation (zero for a rotation), ``arms`` are the moments on both
     bodies per unit of the multiplier; ground axes. By leader of each rigid group that the row acts
     on, ``normals`` has the angular part of G (body axes) and ``inverse_normals`` the inverse
-    inertia times it. ``gamma`` is the right-hand side, ``value`` the residual of the constraint (m
-    or rad), ``rate`` its rate; both are 0 while the row is inactive. ``mask`` is a number that is 1
-    while the row is active, else 0; ``own`` has the direction and lever of a translation within a
-    rigid group, else None.
+    inertia times it. ``gamma`` is the right-hand side, also while the row is inactive. ``value`` is
+    the residual of the constraint (m or rad) and ``rate`` its rate; these two are 0 while the row
+    is inactive. ``mask`` is a number that is 1 while the row is active, else 0; ``own`` has the
+    direction and lever of a translation within a rigid group, else None.
     """
 
     row: Row

@@ -16,8 +16,9 @@ class Text:
     """Lines of source code that are appended at one indent: ``text(line, ...)`` appends lines.
 
     Texts made from this one (`indented`, `block`, `lanes`) append to the same ``lines``, at a
-    deeper indent, and share ``names``, the shape of each variable of the function: a variable has
-    one shape. A loop written by hand whose counter is a variable of traced code raises TypeError.
+    deeper indent, and share ``names``, the shape of each variable of the function, by which traced
+    code gives values of different shapes different names. A loop written by hand whose counter is a
+    variable of traced code raises TypeError; nothing else is checked.
     """
 
     def __init__(
@@ -135,10 +136,10 @@ class Text:
 class Workspace:
     """Fields of the workspace, the array in which a kernel keeps all numbers of a block of cases.
 
-    Each field has a name and a number of components (``counts``); a component is LANES numbers, one
-    per lane. Fields are stored in the order in which they were added, but optional ones (of
-    outputs, histories or a given step) come last: so functions that do not use them have the same
-    text with and without them, and are compiled once.
+    Each field has a name and a number of components (``counts``), which a second `add` does not
+    change; a component is LANES numbers, one per lane. Fields are stored in the order in which they
+    were added, but optional ones (of outputs, histories or a given step) come last: so functions
+    that do not use them have the same text with and without them, and are compiled once.
     """
 
     def __init__(self) -> None:

@@ -61,7 +61,8 @@ class Expr:
     def called(self, name: str) -> "Expr":
         """Give the expression a line of its own in the kernel, which assigns it to a variable
         called ``name`` (with a number if that is taken); return the expression. A name given before
-        stays."""
+        stays. A component of a tuple, a constant and a number that the kernel's text names or that
+        all cases share keep their own spelling."""
         self.scope.names.setdefault(self.node, name)
         return self
 

@@ -148,13 +148,13 @@ def _seconds_a_step(trees: dict[str, Tree]) -> dict[str, float]:
 
 
 def _bounds() -> dict[str, Bound]:
-    """Allowed relative change of energy and angular momentum over an hour, by method of drift
-    control.
+    """Allowed relative change of energy and angular momentum over an hour, of N steps of h s, by
+    method of drift control.
 
     none: joints drift by the round-off of the accelerations, 100 eps, summed twice, and the joint
-    force does work over that drift. projection: a correction of at most 1e-12 a step, of either
-    sign. baumgarte: its correction is as large as the error of the inner stages of a step; only the
-    audit limits it.
+    force does work over that drift: 100 eps h^2 N^1.5. projection: a correction of at most 1e-12 a
+    step, of either sign: 1e-12 sqrt(N). baumgarte: its correction is as large as the error of the
+    inner stages of a step; only the audit limits it, to the bound of ``energy_residual``.
     """
     return {
         "none": Bound(100.0 * EPS * STEP**2 * STEPS**1.5, "100 eps x h^2 N^1.5 (drift)"),
