@@ -68,9 +68,9 @@ class CaseSelection:
         return any(first <= number < end for first, end in self.ranges)
 
     def __str__(self) -> str:
-        """Case numbers as `read` and `parse` take them, such as ``25:50,73`` (25 to 49, and 73),
-        always as ranges: the first 100 cases are ``0:100``. A single case is ``73:74``, as ``73``
-        alone is a number of cases. An empty selection is an empty text."""
+        """Case numbers as `read` and `parse` take them, such as ``25:50,73`` (25 to 49, and 73).
+        The first 100 cases are ``0:100``. A single case is ``73:74``, as ``73`` alone is a number
+        of cases. An empty selection is an empty text, which they reject."""
         is_one_range = len(self.ranges) == 1
         return ",".join(
             str(a) if b == a + 1 and not is_one_range else f"{a}:{b}" for a, b in self.ranges

@@ -150,8 +150,8 @@ class Rows:
     def _rotation(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """Terms of a row that constrains a rotation, as six values: direction (zero), moment on the
         first and on the second body per unit of the multiplier (the ``arms`` of `JointRow`), gamma
-        (rad/s2), residual (rad), rate of the residual (rad/s). ``pair`` is that of the joint's
-        points."""
+        (rad/s2), residual (rad; the cosine between two axes), rate of the residual (rad/s). Vectors
+        are in ground axes. ``pair`` is that of the joint's points."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
