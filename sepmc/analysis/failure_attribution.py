@@ -188,7 +188,8 @@ def _partition(
     cases: Mapping[str, np.ndarray], inputs: Sequence[str], limit: float
 ) -> dict[str, "_Partition"]:
     """Return by name the partition of each input that varies in the case table ``cases``, into at
-    most ``limit`` parts (raised or lowered to the range 2 to 8)."""
+    most ``limit`` parts (raised or lowered to the range 2 to 8). Inputs that do not vary are left
+    out."""
     max_parts = int(np.clip(limit, *_PART_LIMITS))
     partitions = {name: _Partition(column(cases, name), max_parts) for name in inputs}
     return {name: partition for name, partition in partitions.items() if partition.number > 1}

@@ -358,7 +358,8 @@ class Model:
     @property
     def log_scale(self) -> float:
         """Natural logarithm of the likelihood that the measurements would have with all residuals
-        0."""
+        0. Errors are independent and normal, so it is minus the sum of log(sigma sqrt(2 pi)) over
+        all samples of all channels."""
         sigmas = np.concatenate([channel.sigma for channel in self.channels])
         return -float(np.log(sigmas * math.sqrt(2.0 * math.pi)).sum())
 
@@ -429,8 +430,9 @@ def _tolerance(channel: MeasuredChannel) -> float:
 def _sigma_notes(
     campaign: "Campaign", channels: Sequence[MeasuredChannel], check: ModelCheck
 ) -> list[str]:
-    """Return a note for each channel whose residuals are much smaller than its stated sigma;
-    ``check`` has the test of each of the ``channels``, in their order."""
+    """Return a note for each channel whose residuals are much smaller than its stated sigma, which
+    the file of ``campaign`` gives. ``check`` has the test of each of the ``channels``, in their
+    order, which is also that of the measurements in the file."""
     return [
         f"{channel.column}: residuals are {test.ratio:.2g} of sigma = {one.sigma:g}, which is far "
         f"too large: give a sigma of {test.ratio * one.sigma:.2g} {channel.unit} or less, and "

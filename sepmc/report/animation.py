@@ -99,7 +99,9 @@ def animate(
 
 
 def _rows(history: pd.DataFrame) -> list[int]:
-    """Return the indices of at most `FRAMES` rows of a history at about equal time steps."""
+    """Return the indices of the rows of a history at about equal time steps, at most `FRAMES`: of
+    `FRAMES` equally spaced instants from its first to its last time, the first row at or after
+    each, without repetitions."""
     times = history["time_s"].to_numpy()
     frame_times = np.linspace(times[0], times[-1], FRAMES)
     rows = np.clip(np.searchsorted(times, frame_times), 0, len(times) - 1)

@@ -174,8 +174,8 @@ def energy(spring: Spring) -> float:
 
 def _of_table(table: ForceTable | None, extension: Array) -> Array | float:
     """Integral of the force of a table from extension 0 to each ``extension`` (n,), J (n,), while
-    the extension grows (``return_factor`` does not count); the force is constant before the first
-    row and beyond the last. 0 without a table."""
+    the extension grows (``return_factor`` does not count). No ``extension`` is negative. The force
+    is constant before the first row and beyond the last. The result is 0 without a table."""
     if table is None:
         return 0.0
     (first, *_, last), force = table.extension, table.force

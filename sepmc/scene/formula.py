@@ -164,7 +164,8 @@ def _python_text(text: str) -> str:
 
 def _marked(name: str) -> str:
     """Dotted name with `_MARK` appended to each part that is a keyword of Python, so that Python
-    parses it as a name. The operators ``and``, ``or`` and ``not`` get none."""
+    parses it as a name. A ``name`` that is just "and", "or" or "not" is an operator and returned as
+    it is; as parts of a dotted name these words get the mark too."""
     if name in ("and", "or", "not"):
         return name
     return ".".join(part + _MARK * keyword.iskeyword(part) for part in name.split("."))

@@ -570,7 +570,9 @@ def tip_off(
     pull = mass * gravity * math.cos(elevation)
 
     def lever(a: float) -> float:
-        """Lever arm c = dh/da, m, at the angle a, rad."""
+        """Lever arm c = dh/da, m, at the angle a, rad, that the body has turned about the rear
+        shoe: the distance along the rail from that shoe to the mass centre, whose rise across the
+        rail is h."""
         return ahead * math.cos(a) - above * math.sin(a)
 
     def rate(a: float) -> float:

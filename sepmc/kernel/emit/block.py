@@ -267,9 +267,10 @@ def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _check_rotation(text: Text, c: Context) -> None:
-    """Append lines that reject cases with an initial angular rate although a joint fixes the
-    attitude of the vehicle to the ground (status inconsistent-start). Rotation rows within a rigid
-    group are left out, so no residual shows this."""
+    """Append lines that reject cases with an initial angular rate (status inconsistent-start). They
+    are for a scene in which a joint fixes the attitude of the vehicle to the ground; this function
+    does not check that. Rotation rows within a rigid group are left out, so no residual shows the
+    rate."""
     scope = c.scope()
     omega = c.case.vector(at.OMEGA)
     reject_unless(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
