@@ -277,7 +277,8 @@ def _resample(weights: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 def _correlations(start: np.ndarray, scores: np.ndarray) -> np.ndarray:
     """Return for each of d scores the correlation (d,), over n particles, of its values in
-    ``scores`` (n, d) with those in ``start`` (n, d)."""
+    ``scores`` (n, d) with those in ``start`` (n, d): 0 for a score that has the same value in all
+    particles."""
     a, b = start - start.mean(axis=0), scores - scores.mean(axis=0)
     product = (a * b).sum(axis=0)
     sizes = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))

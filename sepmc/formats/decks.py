@@ -162,9 +162,10 @@ def coefficient_of(title: str) -> str:
 
 
 def _refuse_conditions(left: list[str], values: dict[str, np.ndarray]) -> None:
-    """Raise FormatError if a coefficient is only in columns for several conditions, such as "CA
-    Power-Off" and "CA Power-On" of RASAero: one of them must be chosen. ``left`` are the titles
-    that were not understood, ``values`` the columns of coefficients by name."""
+    """Raise FormatError if the axial or normal coefficient is only in one or more columns for
+    conditions of the motor, such as "CA Power-Off" and "CA Power-On" of RASAero: the file must
+    choose one. ``left`` are the titles that were not understood; ``values`` are the columns of
+    coefficients by name ("axial", "normal")."""
     for meaning, short in (("axial", "CA"), ("normal", "CN")):
         titles = [each for each in left if re.match(rf"{short}[ _]power", each, re.IGNORECASE)]
         if titles and meaning not in values:

@@ -120,8 +120,9 @@ def _time_to_event(s: State, event: Event) -> Any:
 
 def _time_to_kink(s: State, event: Event) -> Any:
     """Expression of the predicted time from the state to the event that a switching function
-    reaches zero, s (as `time_to_kink` returns it); add to the scope lines that store the value and
-    rate of the function for later steps."""
+    reaches zero, s (as `time_to_kink` returns it). Add to the scope lines that flag a case in which
+    the function may have been above zero within the step (`_flag_graze`), and lines that store its
+    value and rate for later steps, except in lanes that are INACTIVE."""
     time_left, records = time_to_kink(s, event)
     (_, value), (_, rate) = records[:2]
     _flag_graze(s.scope, event, s.segment.name, value, rate)

@@ -70,7 +70,8 @@ def scene(
 
 
 def phase_of(**kinds: str) -> list[Tree]:
-    """List of one phase without an end, with the kind of each joint by its name."""
+    """List of one phase, "held", without an end; each keyword is the name of a joint, and its value
+    the kind."""
     return [{"name": "held", "joints": kinds}]
 
 
