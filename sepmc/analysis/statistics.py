@@ -289,9 +289,9 @@ def _reference_columns(
     reference: Mapping[str, Mapping[str, float]],
 ) -> dict[str, np.ndarray]:
     """Return the columns ``ref_*`` of reference values and ``dev_*`` of deviations from them, each
-    (n_outcomes,). ``data`` are the columns of `statistics`, from which the reference is subtracted.
-    Values that the reference does not contain give NaN; so do deviations if it contains no sigma
-    above 0."""
+    (n_outcomes,). ``data`` are the columns of `statistics`. A deviation is a value of ``data``
+    minus that of the reference, in sigmas of the reference. Values that the reference does not
+    contain give NaN; so do deviations if it contains no sigma above 0."""
     known = {
         name: np.array(
             [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]

@@ -83,8 +83,8 @@ class Study:
         return min(self.cases, max(_MIN_CASES, int(_MAX_VARIANT_S / seconds_per_case)))
 
     def part(self, formulation: str) -> int:
-        """Return the number of cases to run with a formulation: all with "reduced", a sixteenth (at
-        least 16) with "full", which takes some 50 times as long."""
+        """Return the number of cases to run with a formulation: all with "reduced"; with "full",
+        which takes some 50 times as long, a sixteenth, but at least 16 or, of fewer, all."""
         return (
             min(self.cases, max(_MIN_FULL_CASES, self.cases // _FULL_FRACTION))
             if formulation == FULL

@@ -311,7 +311,8 @@ def _origin_within(n, e1, e2, e3, tiny):
 
     Returns the answer and the fractions (t1, t2, t3) with n + t1 e1 + t2 e2 + t3 e3 = 0, by
     Cramer's rule; they have no meaning if the answer is False. A flat tetrahedron, whose fractions
-    miss the origin by more than ``tiny`` m by round-off, counts as not containing it.
+    miss the origin by more than ``tiny`` m by round-off, counts as not containing it, and so does
+    one with the origin on its surface.
     """
     c = cross(e2, e3)
     det = dot(e1, c)

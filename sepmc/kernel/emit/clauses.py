@@ -25,8 +25,8 @@ from sepmc.scene.model import GROUND
 
 
 def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that, as a segment begins, set the flags of the conditions in its clauses to 0
-    (not met), then update them (`update_clauses`)."""
+    """Append lines that, as a segment begins, set the flags of the conditions in its own clauses
+    (those that end its phase) to 0 (not met), then update them (`update_clauses`)."""
     scope = c.scope()
     for number in condition_numbers(segment.clauses):
         c.workspace.add(condition_flag(segment.name, number), 1)
@@ -38,7 +38,8 @@ def reset_clauses(text: Text, c: Context, segment: Segment) -> None:
 def update_clauses(text: Text, c: Context, segment: Segment) -> None:
     """Append lines that set to 1 the flags of those conditions in the clauses of a segment that are
     times, or ends of spring strokes, and have passed; and then DONE to 1 if all conditions of at
-    least one clause are met. Flags and DONE that are 1 stay 1."""
+    least one clause are met. These are the clauses that end the phase of the segment; those of
+    releases and events are left alone. Flags and DONE that are 1 stay 1."""
     scope = c.scope()
     done = (scope.load("DONE") > 0.0) | _clause_met(scope, c, segment.name, segment)
     scope.store("DONE", where(done, 1.0, 0.0))

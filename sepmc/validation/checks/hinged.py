@@ -60,8 +60,9 @@ def pendulum() -> list[Line]:
 
 
 def _started_top(pitch: float, spin: float, precession: float) -> NominalRun:
-    """Run of top.toml, started with a pitch, rad, a rate about the axis of the top, and a rate of
-    that axis about the upward vertical, rad/s.
+    """Run of top.toml, started with a pitch, rad, a ``spin``, which is the whole component of the
+    angular rate along the axis of the top, rad/s, and a ``precession``, the rate at which that axis
+    turns about the upward vertical, rad/s.
 
     The axis, from the ball to the mass centre, is body -x; the upward vertical in body axes is
     (sin, cos, 0) of the pitch.
