@@ -147,8 +147,8 @@ def _run_of(study: Study, variant: Variant) -> Callable[[], object]:
 
 
 def _has_same_segments(study: Study, campaign: Campaign) -> bool:
-    """Return True if the kernel of a campaign has as many segments as that of the study, so that
-    the steps selected for the study apply to it."""
+    """Return True if the kernel specification of a campaign, which is made but not compiled, has as
+    many segments as the kernel of the study, so that the steps selected for the study apply."""
     spec = kernel_spec(campaign)
     return len(spec.segments) == study.integration.kernel.n_segments
 

@@ -498,9 +498,10 @@ class Definition:
         )
 
     def nominal(self) -> Case:
-        """Return the nominal case. Its scene also has two kinds of values that are computed from
-        the nominal scene and shared by all cases: the direction from which ``alpha_ref`` is
-        measured, and the separation signs of the joints.
+        """Return the nominal case: the values of the file, also where a parameter is dispersed. Its
+        scene also has two kinds of values that are computed from the nominal scene and shared by
+        all cases: the direction from which ``alpha_ref`` is measured, and the separation signs of
+        the joints.
 
         Returns
         -------

@@ -23,8 +23,8 @@ _NAMES = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blank"}
 
 
 class FormatError(Exception):
-    """Raised for a file that is not in the expected format; the argument is the reason, with the
-    line."""
+    """Raised for a file that cannot be read or is not in the expected format; the argument is the
+    reason, with the line if it is in one, but without the name of the file."""
 
 
 @dataclass(frozen=True)

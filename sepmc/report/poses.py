@@ -35,7 +35,8 @@ class Poses:
 
 
 def poses(history: pd.DataFrame, scene: Scene) -> Poses:
-    """Compute the motion of a case in the axes in which it is shown.
+    """Compute the motion of a case in the axes in which it is shown: the body axes of the first
+    body at the start, about the common centre of mass, with which they move but do not turn.
 
     Parameters
     ----------

@@ -336,8 +336,10 @@ def _distance(pair, w, job, pose, margin):
     ``pair`` is (kind, end, part of a, part of b), each part in the axes of its body; kinds are
     SOLIDS, SHELL_ON_FIRST, ... . ``end`` is the end (0 or 1) of the part whose rim or edge counts;
     for a sector it is the position of its numbers in w. ``job`` is the position of the job, of
-    which the direction of two solids is used and updated. For a rim and a shell the distance and
-    ``margin`` are those of `rims.rim_gap`: negative through the wall, infinite beyond the ends.
+    which the direction of two solids is used and updated. For a rim and a shell the distance is
+    that of `rims.rim_gap`: negative through the wall, infinite beyond the ends; ``margin``, m, is 0
+    for this distance, and above 0 for a bound of it after a motion by up to ``margin``. Other kinds
+    do not use ``margin``.
     """
     noinline()
     kind, end, part_a, part = pair

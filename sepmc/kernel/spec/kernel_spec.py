@@ -397,9 +397,10 @@ class KernelSpec:
         Parameters
         ----------
         path : str
-            path of the parameter that the feature depends on
+            Path of the parameter that the feature depends on; it may occur in a dispersed case if
+            exactly this path is dispersed.
         nominally : bool
-            True if the nominal case has the feature
+            True if the nominal case has the feature.
         """
         return nominally or path in self.dispersed
 
