@@ -292,7 +292,7 @@ def _edge(n, e):
 def _triangle(n, e1, e2):
     """Project the origin on the triangle with the corner n and the edges e1, e2. Returns the
     fractions s, t of the edges (the projection is n + s e1 + t e2) and the vector to the
-    projection; 0, 0 and n if it is not within the triangle.
+    projection; 0, 0 and n if it is not within the triangle, or on its edge.
 
     They follow from the normal: on the thin triangles of curved rims, products of edges lose twice
     the digits, and n + s e1 + t e2 is too short to give the direction well.

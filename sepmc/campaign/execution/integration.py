@@ -325,8 +325,8 @@ def typical_durations(ends: np.ndarray, is_ok: np.ndarray) -> np.ndarray:
         End times of segments in n cases, s.
     is_ok : ndarray of bool, shape (n,)
         True for the cases of which the medians are taken. A segment whose duration is 0 there
-        (below 1e-9 of the last end time) gets the median duration over all cases in which it is
-        longer; 0 if there are none.
+        (below 1e-9 of the last end time) gets the median duration over those of all n cases, also
+        the ones that are not ok, in which it is longer; 0 if there are none.
     """
     durations, lengths = (
         np.diff(np.median(ends[:, is_ok], axis=1), prepend=0.0),

@@ -78,7 +78,8 @@ def kernel_text(
     ----------
     campaign : Definition
     solver : str, optional
-        Name of the integration method (``solver.method``); that of the campaign if None.
+        Name of the integration method (``solver.method``); that of the campaign if None. With
+        "auto" the kernel has several methods, of which each run selects one for each segment.
     history : int
         Which histories the kernel writes: none (0), separations (1) or full ones (2); see
         `sepmc.engine.kernel_texts.written`.

@@ -112,10 +112,11 @@ def write_shard(
     data: dict[str, Any],
     about: dict[str, str],
 ) -> ledger.Entry:
-    """Write a shard of ``cases`` cases, the first of which is ``first``, and return its ledger
-    entry; the shard belongs to the run only when the caller has added the entry to the ledger.
+    """Write a shard and return its ledger entry; the shard belongs to the run only when the caller
+    has added the entry to the ledger.
 
-    ``kind`` is the name of the data folder; ``columns``, ``data`` and ``about`` are as for
+    ``kind`` is the name of the data folder. ``first`` and ``cases`` are those of `ledger.Entry`,
+    and ``first`` also names the file. ``columns``, ``data`` and ``about`` are as for
     `write_parquet`.
     """
     path = shard_path(folder, kind, first)
