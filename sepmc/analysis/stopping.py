@@ -132,7 +132,8 @@ class StoppingRule:
         spread : float
             Largest difference between values of a constant outcome
             (`sepmc.analysis.constant_outcomes.max_spread`), 0 for an outcome that is not constant.
-            If positive, the interval is the value plus and minus the numerical error.
+            If positive, the interval is the value plus and minus the numerical error, which is half
+            of ``spread``; a sigma then has the value 0.
         """
         value, low, high = self.interval(summary, raised(CONFIDENCE, looks))
         if spread > 0.0:

@@ -148,7 +148,8 @@ class Estimate:
     size : int
         Number of cases of a level in each replica.
     reached : bool
-        True if the trial chains reached the bound.
+        True if the trial chains, which set the thresholds before, reached the bound: at least a
+        tenth of the cases of their last level count as violating.
     """
 
     known: np.ndarray

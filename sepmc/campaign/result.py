@@ -341,8 +341,9 @@ class Result:
         shift_s : float, optional
             Time of the flight's clock at time 0 of the run, s. Default: estimated.
         cases : int
-            Number of cases of the envelope, which are simulated again. It is ignored if the run
-            stored these columns over time: the envelope then is that of the stored cases.
+            Number of cases of the envelope: the first ok cases of the run, which are simulated
+            again. It is ignored if the run stored these columns over time: the envelope then is
+            that of the stored cases.
         announce : callable (str), optional
             Called with messages: how each channel was interpreted, and how many cases the envelope
             has.

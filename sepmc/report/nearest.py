@@ -29,11 +29,11 @@ class PlacedPart:
     Parameters
     ----------
     start, end : tuple of 3 float
-        Centres of the two end circles.
+        Centres of the two end circles; without meaning for points.
     radii : tuple of 2 float
-        Radii of the circles at ``start`` and at ``end``.
+        Radii of the circles at ``start`` and at ``end``; 0 for points.
     is_wall : bool
-        True for a surface (a hollow part or a sector); False for a solid.
+        True for a surface (a hollow part or a sector); False for a solid and for points.
     sector : tuple of 2 float, optional
         First and last angle of a sector about body x, rad: 0 is toward z, pi / 2 toward -y.
     points : ndarray, shape (m, 3)

@@ -47,8 +47,9 @@ Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 def longest_step(scene: Scene, dispersions: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
     """Longest first step, s, that resolves thrust transients (build-up, tail-off) and the rows of
-    tables over height.
+    tables over height at the largest speed to expect.
 
+    For the rows it is not below the end time divided by `_MAX_FIRST_STEPS`, however close they are.
     From a longer first step, halving can leave the outcomes unchanged by chance although their
     error is large.
 
