@@ -131,7 +131,8 @@ def _reactions(
 
 def welds() -> list[Stress]:
     """Lines of `sepmc stress` on two fixed joints between the same bodies, from 1 m to 0 m apart:
-    they act as one weld, with all six rows of one of them redundant."""
+    they act as one weld, with all six rows of one of them redundant. References are the closed form
+    of the rate and a simulation with one of the joints alone. All must be accurate."""
     lines, reference = [], simulate(pair("fixed"))
     for distance in (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 0.0):
         tree = pair("fixed")
@@ -157,8 +158,9 @@ def welds() -> list[Stress]:
 
 
 def triangle() -> list[Stress]:
-    """Lines of `sepmc stress` on three bodies in a loop of three welds, of which two would
-    suffice."""
+    """Lines of `sepmc stress` on three bodies in a loop of three welds, of which two would suffice:
+    motion against a simulation with two welds, reactions against those of minimum norm. All must be
+    accurate."""
     third = body(2.1, [0.8, 1.5, 1.2], [2.0, 1.5, 0.06], [0.0, -0.1, 0.15])
     joints = {
         "ab": joint("fore", "aft", [2.0, 0.1, 0.0]),
@@ -220,7 +222,8 @@ def _run_unless_refused(tree: Tree) -> NominalRun | None:
 
 def two_balls() -> list[Stress]:
     """Lines of `sepmc stress` on two ball joints 1 m to 1e-12 m apart, which act as a hinge about
-    the line between them, with one redundant row.
+    the line between them, with one redundant row: rates against a simulation with that hinge, and
+    the number of redundant rows.
 
     The lever arms of that hinge are as short as the distance, so the condition number of the
     constraint matrix is the inverse of its square. From 1e-5 m on a run must be accurate; from 1e-2
@@ -262,8 +265,8 @@ def two_balls() -> list[Stress]:
 
 def near_parallel() -> list[Stress]:
     """Lines of `sepmc stress` on two hinges at one point with axes 1 to 1e-12 rad apart: they
-    constrain all three rotations, the third one weakly, so they act as a weld. From 1e-2 rad on
-    they must be accurate."""
+    constrain all three rotations, the third one weakly, so they act as a weld. Rates are compared
+    with a simulation of that weld; at 1e-2 rad and more they must be accurate."""
     lines, reference = [], simulate(pair("fixed"))
     for angle in (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
         tree = pair("revolute")

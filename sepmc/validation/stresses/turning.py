@@ -41,7 +41,8 @@ def _tumbling(deg_s: float, step: float, steps: int) -> NominalRun:
 
 def resolved_spins() -> list[Stress]:
     """Lines of `sepmc stress` on a weld tumbling at 0 to 1e5 deg/s for 200 steps of a tenth of a
-    radian, or of 0.05 s where that is shorter: rates and attitude, which must be accurate."""
+    radian, or of 0.05 s where that is shorter: rates and attitude against closed forms, which must
+    be accurate."""
     lines = []
     for deg_s in (0.0, 1e-6, 1e-3, 1.0, 1e2, 1e3, 1e4, 1e5):
         run = _tumbling(deg_s, min(0.05, 0.1 / max(math.radians(deg_s), 1e-9)), 200)
