@@ -115,18 +115,12 @@ def _emit_peaks(out: Text, c: Context, segments: dict[int, Segment]) -> None:
 def _update_peak(text: Text, c: Context, k: int) -> None:
     """Append lines that update, by the step just made, the peak magnitude, its time and the
     integral of the magnitude of a force or moment; its first component has the number ``k`` both in
-    WRENCHES (the vector) and in PEAKS (peak, time, integral). First all lanes are updated by the
-    nodes, then those in which a peak between nodes must be searched. The error indicator of
-    the integral (`Context.load_indicators`) becomes that of this step, if this is larger."""
-    numbers = c.node_size
-    nodes, peak, related, indicator = (
-        f"{offset} + l"
-        for offset in (
-            component("WRENCHES", k),
-            component("PEAKS", k),
-            component("PEAKS", _other_peak(k)),
-            c.indicator(c.load_indicators[k // 3]),
-        )
+    WRENCHES (the vector) and in PEAKS (peak, time, integral). The error indicator of the integral
+    (`Context.load_indicators`) becomes that of this step, if this is larger."""
+    inner = text.block(f"for i in range({at.PEAK_NODES}):").components("3 * LANES")
+    inner(
+        "w[NODES + 3 * i * LANES + e + l] = "
+        f"w[{component('WRENCHES', k)} + {c.node_size} * i * LANES + e + l]"
     )
     text.components("3 * LANES")(f"w[RECORD + e + l] = w[{component('PEAKS', k)} + e + l]")
     text.lanes()(f"w[RELATED + l] = w[{component('PEAKS', _other_peak(k))} + l]")
