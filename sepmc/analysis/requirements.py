@@ -188,7 +188,7 @@ class RequirementCounter:
     def in_doubt(self, error: float) -> tuple[int, int] | None:
         """Return the smallest and the largest number of violations that are possible if outcomes
         are wrong by up to ``error``, in their unit; None if `_MAX_NEAR` or more cases are that near
-        to the bound."""
+        to the bound. Both include the unknown cases, as ``violations`` does."""
         near = self._near[np.abs(self._near) < error]
         if len(near) == _MAX_NEAR:
             return None

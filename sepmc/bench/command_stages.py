@@ -137,7 +137,8 @@ def time_stages(file: str, cases: int, threads: int, folder: str) -> dict[str, f
 
 
 def import_seconds() -> float:
-    """Return the time that a fresh process takes to import what a campaign needs, s."""
+    """Return the time that one fresh process takes to import what a campaign needs, s, without the
+    start of Python before that."""
     program = (
         "import time; t = time.perf_counter(); import sepmc.campaign.campaign, "
         "sepmc.engine.blocks; print(time.perf_counter() - t)"

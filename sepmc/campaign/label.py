@@ -14,7 +14,7 @@ _IN_TITLE = ("run.cases", "run.seed", "run.sampler")  # settings that titles nam
 
 def of_run(manifest: Mapping[str, Any]) -> str:
     """Return the title of a run from its manifest: campaign, number of cases, seed and, unless it
-    is random, sampler; a second line has the settings, if any."""
+    is random, sampler. A second line has other settings, if any (`of_settings`)."""
     text = f"{manifest['campaign']}, {count_cases(manifest['cases'], ',')}, seed {manifest['seed']}"
     sampler = manifest.get("sampler", _DEFAULT_SAMPLER)
     if sampler != _DEFAULT_SAMPLER:
@@ -24,7 +24,7 @@ def of_run(manifest: Mapping[str, Any]) -> str:
 
 def of_case(campaign: str, number: int | None, settings: Mapping[str, str]) -> str:
     """Return the title of one case, or of the nominal case if ``number`` is None; a second line has
-    the ``settings`` (texts by TOML path), if any."""
+    the ``settings`` (texts by TOML path), if any, but not all (`of_settings`)."""
     which = "nominal case" if number is None else f"case {number}"
     return f"{campaign}, {which}{of_settings(settings)}"
 

@@ -351,9 +351,9 @@ def _measured(element: Element, kind: str, units: dict[str, str]) -> float:
 
 
 def _unit(element: Element, kind: str, units: dict[str, str]) -> float:
-    """Factor to SI of the unit of an element. ``units`` maps its spellings in the file, the first
-    of which is the default, to unit suffixes of the quantity ``kind``. Raises FormatError for
-    others."""
+    """Factor to SI of the unit of an element. ``units`` maps its spellings in upper case (the file
+    may have any case), the first of which is the default, to unit suffixes of the quantity
+    ``kind``. Raises FormatError for others."""
     unit = element.attributes.get("unit", next(iter(units))).upper()
     if unit not in units:
         raise FormatError(

@@ -183,8 +183,8 @@ def _distance(angle, ellipse, section):
     the derivative of the distance by the angle, m/rad; both are 0 where the point is within the
     part.
 
-    ``ellipse`` describes the circle, as in `rims.rim_point`; ``section`` is (length, r0, r1) of the
-    part.
+    ``ellipse`` describes the circle, as in `rims.rim_point` (with ``side`` 1); ``section`` is
+    (length, r0, r1) of the part, whose axis is z from 0 to the length.
     """
     x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)

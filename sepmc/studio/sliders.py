@@ -275,8 +275,8 @@ def _shifted(dispersion: Dispersion, change: float) -> Dispersion:
 def changed_campaign(
     campaign: "Campaign", settings: Mapping[str, Any]
 ) -> tuple["Campaign", list[str]]:
-    """Return the campaign with other ``settings``, values by TOML path, and the warnings about
-    it."""
+    """Return a copy of the campaign with further ``settings``, values by TOML path that replace
+    those of its file, and the warnings about the copy. Settings that it had before remain."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         return campaign.with_settings(dict(settings)), [str(one.message) for one in caught]

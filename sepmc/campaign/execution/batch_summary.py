@@ -87,7 +87,9 @@ class BatchSummary(msgspec.Struct, frozen=True):
 
 def read(text: str | bytes, path: Path) -> BatchSummary:
     """Convert JSON text from `BatchSummary.text`, which may contain Infinity, to the summary.
-    Raises StoreError, which names the file ``path`` that has the text, for any other text."""
+
+    A missing entry has its default, an unknown one is ignored. Raises StoreError, which names the
+    file ``path`` that has the text, if that is no JSON object or an entry has a wrong type."""
     try:
         return msgspec.convert(json.loads(text), BatchSummary)
     except (ValueError, RecursionError, msgspec.ValidationError):

@@ -289,7 +289,8 @@ def _results(campaign: Definition, chunks: list[Chunk]) -> np.ndarray:
 
 def case_table(campaign: Definition, chunks: list[Chunk]) -> dict[str, Any]:
     """Case table of the n cases of consecutive chunks: values (n,) by column, in the units of the
-    columns; the value of ``status`` is None, to be replaced by the caller."""
+    columns. Inputs are copied, as chunks have them in these units; results are converted from SI.
+    The value of ``status`` is None, to be replaced by the caller."""
     first, results = chunks[0].first, _results(campaign, chunks)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
     table |= {

@@ -97,8 +97,9 @@ def multipliers(run: NominalRun) -> Array:
 
 
 def minimum_norm(run: NominalRun, load: Array) -> Array:
-    """Multipliers (m,) of minimum norm whose constraint forces and moments on the n bodies are
-    ``load`` (6 n,), by numpy's pseudo-inverse."""
+    """Multipliers (m,) of minimum norm at the start of a run, one for each row of `jacobian`, whose
+    constraint loads are ``load`` (6 n,), by numpy's pseudo-inverse: for each of the n bodies the
+    force, N, then the moment, N m, in body axes. What no multipliers can give is ignored."""
     return np.linalg.pinv(jacobian(run).T, rcond=1e-10) @ load
 
 
