@@ -61,8 +61,8 @@ def difference_interval(k_one: int, n_one: int, k_two: int, n_two: int) -> tuple
     Returns
     -------
     low, high : float
-        Newcombe's interval. Its coverage is at least 94 % from ten trials each and 92.5 % from five
-        (all 2 x 2 tables enumerated).
+        Newcombe's interval, from those of Clopper and Pearson. Its coverage is at least 94 % from
+        ten trials each and 92.5 % from five (all 2 x 2 tables enumerated).
     """
     return _newcombe_interval((k_two, n_two), (k_one, n_one), 0.0)
 
@@ -100,8 +100,8 @@ def _newcombe_interval(
     one: tuple[int, int], two: tuple[int, int], correlation: float
 ) -> tuple[float, float]:
     """Return the 95 % interval of the first minus the second probability, by Newcombe's
-    square-and-add method; ``one`` and ``two`` are (successes, trials), ``correlation`` is that of
-    the two estimates."""
+    square-and-add method, but from intervals of Clopper and Pearson, not of Wilson; ``one`` and
+    ``two`` are (successes, trials), ``correlation`` is that of the two estimates."""
     (p, low, high), (q, min_end, max_end) = (
         (k / n, *binomial_interval(k, n)) for k, n in (one, two)
     )

@@ -74,7 +74,8 @@ def _cell(column: str, value: Any) -> str:
 
 
 def warnings(name: str, frame: pd.DataFrame) -> list[str]:
-    """Return the warnings on the table ``frame`` of the part ``name``; empty if there are none."""
+    """Return the warnings on the table ``frame`` of the part ``name``: that of `noise_warning`,
+    then that of `threads_warning`, each only if there is one."""
     return [warning for warning in (noise_warning(name, frame), threads_warning(frame)) if warning]
 
 

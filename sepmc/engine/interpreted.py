@@ -239,7 +239,8 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 
 def _is_copied(name: str) -> bool:
-    """Return True for the name of a module that is imported a second time: those of `_COPIED`."""
+    """Return True for the name of a module that is imported a second time: a package of `_COPIED`
+    or a module in it."""
     return (name + ".").startswith(_COPIED)
 
 

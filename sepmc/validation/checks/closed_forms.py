@@ -96,8 +96,9 @@ def nasa_boxes() -> list[Line]:
 
 
 def pushed_apart() -> list[Line]:
-    """Check two free bodies pushed apart by a linear spring against the closed form: during the
-    push, and after a stroke limit, where momentum and energy give the speeds."""
+    """Check two free bodies pushed apart by a linear spring (also with damping) or a constant force
+    against the closed form: during the push and, with a stroke limit, after it, where the speeds
+    stay those at the limit."""
     lines = []
     for case, settings in (
         ("spring", {}),
