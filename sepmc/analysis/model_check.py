@@ -49,8 +49,8 @@ class ChiSquareTest:
 
     @property
     def is_too_small(self) -> bool:
-        """True if ``ratio`` is below 0.5 and a right model gives a chi-square this small with a
-        probability below `LEVEL`; sigma is then far too large."""
+        """True if `ratio`, a root mean square, is below 0.5 and a right model gives a chi-square
+        this small with a probability below `LEVEL`; sigma is then far too large."""
         from scipy.stats import chi2  # noqa: PLC0415
 
         return self.ratio < _TOO_SMALL and chi2.cdf(self.chi_square, self.freedom) < LEVEL

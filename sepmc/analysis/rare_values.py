@@ -161,7 +161,7 @@ def _pairs(
 
 def _bivariate_normal_cdf(h: np.ndarray, k: np.ndarray, correlation: float) -> np.ndarray:
     """Return P(X < h, Y < k) of standard normal X and Y with a correlation, in the broadcast shape
-    of ``h`` and ``k``.
+    of ``h`` and ``k``, which must be finite.
 
     Its derivative by the correlation is the joint density (Plackett, Biometrika 41, 1954), which is
     integrated over the arc sine of the correlation.

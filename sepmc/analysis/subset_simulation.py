@@ -343,7 +343,8 @@ def estimate_warnings(estimate: Estimate) -> list[str]:
 
 
 class _CaseCounter:
-    """Wrapper of the limit function that numbers all cases run; ``count`` is their number."""
+    """Runs cases by the limit function (`evaluate`) and numbers them from 0 in the order in which
+    they are run; ``count`` is how many were run so far."""
 
     def __init__(self, limit: LimitFunction):
         self.limit, self.count = limit, 0

@@ -178,8 +178,9 @@ class DesignSearch:
 
     @property
     def searched(self) -> pd.DataFrame:
-        """Table of all designs run so far, for all fractions: values by TOML path, costs, and
-        ``margin``, the smallest over the requirements, as in `_run`."""
+        """Table of all designs run so far, at least one, those of one fraction (of the accepted
+        violations) after those of another: values by TOML path, costs, and ``margin``, the smallest
+        over the requirements, as in `_run`. The fraction is no column."""
         frames = [frame for each in self._searched.values() for frame in each]
         return pd.concat(frames, ignore_index=True)
 

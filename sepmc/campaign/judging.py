@@ -43,9 +43,9 @@ class FreshVerdict:
 
 
 def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
-    """Return settings, by TOML path, that raise the confidence of each requirement so that
-    ``looks`` verdicts on it together are wrong no more often than one verdict at its present
-    confidence; see `sepmc.analysis.proportions.raised`."""
+    """Return settings (``requirement.NAME.confidence``) that raise the confidence of each
+    requirement so that ``looks`` verdicts on it together are wrong no more often than one verdict
+    at its present confidence; see `sepmc.analysis.proportions.raised`."""
     return {
         f"requirement.{item.name}.confidence": raised(item.confidence, looks)
         for item in campaign.file.requirements

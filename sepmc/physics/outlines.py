@@ -270,8 +270,9 @@ def _nearest(n, e1, e2, e3, tiny):
 
 @routine
 def _better(best, t, v, n, e1, e2, e3):
-    """Return the nearer of two points to the origin, as (squared distance, t, v): ``best``, or the
-    point n + t1 e1 + t2 e2 + t3 e3, where v is a vector in the direction of that point."""
+    """Return the nearer of two points to the origin, as (squared distance, t, v): ``best`` (also if
+    both are as near), or n + t1 e1 + t2 e2 + t3 e3. Its ``v`` is not used but passed on: the vector
+    to the point as the caller computed it."""
     point = _along(n, t, e1, e2, e3)
     square = dot(point, point)
     return (square, t, v) if square < best[0] else best

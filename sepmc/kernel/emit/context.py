@@ -300,8 +300,8 @@ def component(field: str, k: int) -> str:
 
 
 def state_offset(number: int) -> str:
-    """Code of the offset, within a state vector, of the signal state with this number (counted over
-    all signals)."""
+    """Code of the offset, within a state vector, of the signal state with this number, counted from
+    0 over all signals, such as ``SIGNALS + 2 * LANES``."""
     return component("SIGNALS", number)
 
 

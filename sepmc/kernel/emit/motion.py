@@ -185,7 +185,9 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
 
 def angular_acceleration(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
     """Angular acceleration of a rigid group, body axes, rad/s2, by Euler's equations I w' = m - w x
-    I w with the sum m of the moments on its bodies (``moment`` by body, body axes, N m)."""
+    I w; without the second term if the ground leads the group. m is the sum of the moments on its
+    bodies (``moment`` by body, body axes, N m), I that of their inertias, each about the mass
+    centre of its own body; joints act only as far as ``moment`` includes them."""
     leader, total_moment = s.segment.leader(group[0]), vector_sum([moment[body] for body in group])
     if leader != GROUND:
         omega = s.rate(leader)

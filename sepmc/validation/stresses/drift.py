@@ -75,7 +75,8 @@ def _chain() -> Tree:
 
 
 def motions() -> dict[str, Tree]:
-    """Trees of the motions of one hour, by name; they rotate at 1.2 rad/s, 4500 rad in all."""
+    """Trees of the motions of one hour, by name; they begin at `OMEGA`, 1.245 rad/s (4500 rad in an
+    hour)."""
     return {
         "weld": pair("fixed", HOUR, STEP),
         "hinge": pair("revolute", HOUR, STEP),
