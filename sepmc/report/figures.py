@@ -42,8 +42,9 @@ CURVES = (
 
 
 def separation_curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
-    """Return, for each column of separation speed or distance in ``frame``, the column, its prefix
-    (``<joint>_``, or empty for the whole vehicle), the quantity in words and its unit."""
+    """Return, for each column of separation speed, then for each of separation distance in
+    ``frame``, the column, its prefix (``<joint>_``, or empty for the whole vehicle), the quantity
+    in words and its unit."""
     names = [str(name) for name in frame.columns]
     return [
         (name, name.removesuffix(stem), words, unit)

@@ -177,7 +177,8 @@ def _motor_arrows(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[di
 
 def _driven(history: pd.DataFrame, scene: Scene, motor: Motor, field: str) -> np.ndarray:
     """Return the value (n,), SI, of the parameter ``field`` of a motor at each of the n rows of the
-    history of a case; ``scene`` and ``motor`` have the inputs of that case."""
+    history of a case: a constant, or the history's column of the signal that drives it (`driven`).
+    ``scene`` and ``motor`` have the inputs of that case."""
     return driven(history, scene, f"motor.{motor.name}.{field}", getattr(motor, field))
 
 

@@ -126,7 +126,7 @@ class Studio:
 
     def prepare(self, announce: Log) -> None:
         """Run the campaign once without changes, so that the kernel is compiled and the time of a
-        case is known; ``announce`` is called with messages."""
+        case is known; ``announce`` is called with messages. The results are not kept."""
         result = self.campaign.run(self.cases, self.seed, self._threads, announce=announce)
         self._case_s = result.timing["kernel"] / self.cases
 

@@ -33,7 +33,7 @@ def located(speed: float, truncated: float = 0.0, size: float = 1.0) -> Bound:
 
 
 def truncation(z: float) -> float:
-    """Relative truncation error of an oscillation by a method of order 8 in steps of z rad: the
+    """Relative truncation error of one step of z rad of an oscillation, by a method of order 8: the
     first missing term of the exponential series, z^9 / 9!."""
     return z**9 / math.factorial(9)
 
