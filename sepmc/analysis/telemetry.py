@@ -575,7 +575,8 @@ def _run_times(time: np.ndarray, shifts: np.ndarray | float) -> np.ndarray:
 def _mean_squares(
     samples: Samples, curves: Sequence[_Curves], shifts: np.ndarray | float
 ) -> np.ndarray:
-    """Return for each case the weighted mean square (n,) of its differences from the flight.
+    """Return for each case the weighted mean square (n,) of its differences from the flight, over
+    the samples of all channels; weights are those of `_Curves`, by the bends of the histories.
 
     ``samples`` are (times by the flight's clock, s; values) of each channel, and ``curves`` the
     histories of the cases for each channel, both in units of its scale. ``shifts`` is one clock

@@ -569,8 +569,8 @@ def read_row(folder: Path, number: int) -> dict[str, Any]:
 def read_histories(
     folder: Path, below: int | None = None, stored: Sequence[ledger.Entry] | None = None
 ) -> pd.DataFrame | None:
-    """Read stored histories of a run as a table in long form: a row per case and time, with columns
-    case, time_s and the separations.
+    """Read stored histories of a run as a table in long form: a row per case and time, sorted by
+    both, with columns case, time_s and the separations. Raises StoreError if a shard is damaged.
 
     Parameters
     ----------

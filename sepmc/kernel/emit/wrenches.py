@@ -62,9 +62,9 @@ def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
 
 
 def make_wrenches(s: State) -> Motion:
-    """Motion at a state, with the multipliers (in the full formulation the wrenches) from which
-    `force_of` and `moment_of` give the joint loads; lines that `before_wrenches` appends must run
-    before.
+    """Motion at a state, from whose ``multipliers`` (in the full formulation ``wrenches``, without
+    multipliers) `force_of` and `moment_of` give the joint loads; lines that `before_wrenches`
+    appends must run before.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ def make_wrenches(s: State) -> Motion:
     Returns
     -------
     Motion
-        with redundant rows, ``multipliers`` are those of minimum norm of all rows (``min_norm`` is
-        True), accelerations those by the rows that are not redundant
+        where `Segment.needs_min_norm`, ``multipliers`` are those of minimum norm of all rows
+        (``min_norm`` is True), accelerations those by the rows that are not redundant
     """
     motion = make_motion(s)
     if not s.segment.needs_min_norm:
