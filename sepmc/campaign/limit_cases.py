@@ -231,14 +231,14 @@ class _LimitSearch:
     def judge(
         self, item: Requirement, status: np.ndarray, outcomes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Judge n cases by the requirement ``item``; ``status`` (n,) and ``outcomes`` (n, o) are
-        those of `run`.
+        """Judge n cases by the requirement ``item``; ``status`` (n,) and ``outcomes`` (n, o), in
+        the units of their columns, are those of `run`.
 
-        Returns outcome, margin and score, each (n,). Outcome and margin are NaN in a case without a
-        result: one that is not ok, or does not have the outcome; for a requirement on a status they
-        are NaN in all cases. The score is the margin; for a requirement on a status it is -1 in a
-        case with that status, 1 in an ok case. It is negative in a violating case, and minus
-        infinity in one without a result.
+        Returns outcome, margin and score, each (n,), in the unit of the outcome. Outcome and margin
+        are NaN in a case without a result: one that is not ok, or does not have the outcome; for a
+        requirement on a status they are NaN in all cases. The score is the margin; for a
+        requirement on a status it is -1 in a case with that status, 1 in an ok case. It is negative
+        in a violating case, and minus infinity in one without a result.
         """
         is_ok = status == Status.OK
         if item.metric not in self.columns:

@@ -143,6 +143,7 @@ def size(
     Returns
     -------
     Sizing
+        Of the first design whose verdict run passes, else of the last one that was tried.
 
     Raises
     ------

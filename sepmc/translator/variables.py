@@ -20,7 +20,7 @@ class _Use:
     ``order`` counts the uses of a function in the order of its text, from 1; ``path`` has, for each
     list of statements around the use, outermost first, the id of the list and the position in it,
     and is empty for an argument; ``loops`` are the ids of the loops around it, outermost first;
-    ``is_store`` is true for an assignment.
+    ``is_store`` is true for an assignment and for an argument.
     """
 
     order: int

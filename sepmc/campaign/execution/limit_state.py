@@ -78,8 +78,8 @@ class LimitState:
         """Margin of each case: positive within the bound, negative beyond it.
 
         It is NaN for a case that is not ok or does not have the outcome. The margin of a
-        requirement on contact is the clearance; it is negative if there was contact, and infinite
-        if the clearance has no value although contact is known.
+        requirement on contact is the clearance, but always negative if there was contact and at
+        least 0 if not, infinite if the clearance then has no value.
 
         Parameters
         ----------

@@ -83,7 +83,8 @@ class ExecutionOptions:
     stats_only : bool
         True: statistics are accumulated, and the rows of cases are not stored.
     keep : KeepRules or None
-        Rules that select rows to be saved beside statistics; None: no rows are saved.
+        Rules that select rows to be saved beside statistics, which needs ``stats_only`` and a run
+        folder; None: no rows are saved.
     calibration : CalibrationSize or None
         Number of calibration cases; see `sepmc.campaign.execution.step_selection.select_steps`.
     progress : callable or None

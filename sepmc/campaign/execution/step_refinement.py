@@ -162,7 +162,9 @@ def refine_steps(
     A case has converged when ``agreements`` consecutive halvings change its decisive outcomes by at
     most the tolerance. It is given up after nine halvings, after three consecutive ones that do not
     reduce its smallest change to half, or when it still has the status ``unresolved`` (rejected)
-    after ``max_rejected`` halvings.
+    after ``max_rejected`` halvings. A status may be due to the step alone: one in `STEP_TOO_LONG`,
+    or one in `DOUBTFUL` at the first step that is gone at a step 64 times shorter. A halving to
+    such a status does not agree, and the count of the three begins anew.
 
     Parameters
     ----------

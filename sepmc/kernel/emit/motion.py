@@ -39,12 +39,13 @@ def before_motion(text: Text, c: Context, segment: Segment) -> None:
 class Motion:
     """Loads, accelerations and joint forces at a state, as expressions.
 
-    ``force`` (ground axes, N) and ``moment`` (body axes, N m) are the loads on each body without
-    joint forces; ``acceleration`` is that of each mass centre (ground axes, m/s2), ``spin_rate``
-    the angular acceleration of each rigid group by its leader (body axes, rad/s2; by body in the
-    full formulation). Joint forces are given either by ``multipliers`` of the constraint rows in
-    ``system``, solved with ``factors``, or, from the full system, as ``wrenches`` on second bodies:
-    ``multipliers`` are empty then.
+    ``force`` (ground axes, N) and ``moment`` (about the body's mass centre, body axes, N m) are the
+    loads on each body without joint forces; ``acceleration`` is that of each mass centre (ground
+    axes, m/s2), ``spin_rate`` the angular acceleration of each rigid group by its leader (body
+    axes, rad/s2; by body in the full formulation). Joint forces are given either by
+    ``multipliers`` of the constraint rows in ``system``, solved with ``factors``, or, from the full
+    system, as ``wrenches`` on second bodies: ``multipliers`` are empty then.
+
     With ``min_norm`` the rows are those of bodies that rotate each by itself, and the multipliers
     those of minimum norm. If not ``moving``, all values are changes per newton of a force, without
     velocity terms.
@@ -118,8 +119,7 @@ def without_joints(
     s: State, force: dict[str, Any], moment: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Accelerations as if there were no joint forces, by loads alone: ``force`` on each body, N,
-    ground axes, ``moment``, N m, body axes. The bodies of a rigid group only rotate together: each
-    mass centre accelerates by the force on its own body.
+    ground axes, ``moment``, N m, about its mass centre, body axes.
 
     Returns accelerations of mass centres, by body (ground axes, m/s2), and angular accelerations of
     rigid groups without the ground, by leader (body axes, rad/s2).

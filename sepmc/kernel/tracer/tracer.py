@@ -548,7 +548,8 @@ def _word(op: str, args: tuple[Any, ...]) -> str:
 
 class Formulas:
     """Formulas of one module as attributes, which are called on expressions: ``vec3.add(a, b)``
-    records the call as a node and returns the expression of its result.
+    records the call as a node and returns the expression of its result (`trace`). At least one
+    argument must be an expression or have one in it; others may be known numbers.
 
     Parameters
     ----------
