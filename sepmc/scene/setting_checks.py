@@ -52,8 +52,8 @@ def expand(settings: dict[str, Any], tree: dict[str, Any], problems: Problems) -
 
 def matching_keys(tree: dict[str, Any], key: str) -> list[str]:
     """TOML paths in a tree that a path with wildcards ``*`` matches: each key with a wildcard is
-    replaced by the names of tables in the tree. The last key, and keys without a wildcard, are
-    taken as they are: they need not be in the tree."""
+    replaced by the names that it matches in the tree. The last key, and keys without a wildcard,
+    are taken as they are: they need not be in the tree."""
     return [".".join(match) for match in _matches(tree, parts(key))]
 
 
