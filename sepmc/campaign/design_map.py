@@ -49,7 +49,7 @@ class DesignMap:
     def cases_text(self) -> str:
         """Text on the number of cases of a design: "1,000 cases each", or, if a design had more
         than the first look, that of this look and the largest, "1,000 to 8,000 cases each"."""
-        first, last = self.looks[0], int(self.table["cases"].max())
+        first, last = (int(n) for n in (self.table["cases"].min(), self.table["cases"].max()))
         return f"{first:,} cases each" if first == last else f"{first:,} to {last:,} cases each"
 
     def confidence(self, requirement: Requirement) -> float:

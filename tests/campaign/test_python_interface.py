@@ -6,6 +6,7 @@ import sys
 import tomllib
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ import pytest
 import sepmc
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign import cases
+from sepmc.campaign.execution import diagnostics
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
@@ -299,6 +301,21 @@ APART = {
         {"name": "free"},
     ]
 }
+
+
+@pytest.mark.parametrize(
+    ("dispersion", "case"),
+    [
+        ({}, "the nominal case"),
+        ({"body.aft.mass_kg": {"uniform": [5.0, 90.0]}}, "the case of median inputs"),
+    ],
+)
+def test_the_case_that_goes_together_is_named(pair, dispersion, case):
+    """Medians of dispersed inputs are not the values of the file."""
+    campaign = pair(PUSHED | APART | {"dispersion": dispersion})
+    outcomes = np.full(len(campaign.outcome_columns), -5.0)
+    *_, note = diagnostics.scene_notes(campaign, SimpleNamespace(of_medians=outcomes))
+    assert f"joint pins: {case} ends with a separation distance of -5 m" in note
 
 
 @pytest.mark.slow

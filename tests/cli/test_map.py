@@ -14,7 +14,7 @@ from support.sizing_problem import campaign as pusher
 import sepmc
 from sepmc.analysis.proportions import binomial_interval, required_cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.design_map import MapAxis, map_designs, parse_axis
+from sepmc.campaign.design_map import DesignMap, MapAxis, map_designs, parse_axis
 from sepmc.cli.app import main
 from sepmc.report import map_figure as map_figures
 from sepmc.report.map_figure import map_figure
@@ -132,6 +132,13 @@ def test_too_few_cases_are_named(file):
     more = [*words, "--overwrite", "--cases", 5, "--max-cases", 20]
     needed = required_cases(0, ITEM["probability"], 1.0 - (1.0 - ITEM["confidence"]) / 3)
     assert f"20 cases cannot show it; give at least --max-cases {needed}" in call(*more).output
+
+
+def test_cases_of_designs_that_all_looked_again():
+    """The fewest and the most cases that a design has, not those of the first look."""
+    for cases, text in (([40, 10], "10 to 40 cases each"), ([40, 40], "40 cases each")):
+        designs = DesignMap((), pd.DataFrame({"cases": cases}), (10, 20, 40), 1, {})
+        assert designs.cases_text == text
 
 
 @pytest.mark.parametrize(

@@ -218,7 +218,7 @@ def common_steps(
         accuracy_achieved = replace(
             accuracy_achieved, history=SAFETY * history_error(campaign, trials, halved, scale)
         )
-    nominal = search.reference[0] if trials.status[0] == Status.OK and search.is_valid[0] else None
+    medians = search.reference[0] if trials.status[0] == Status.OK and search.is_valid[0] else None
     error = float(largest[is_decisive].max(initial=0.0))
     error_limit = np.inf if step is not None else _MAX_ESTIMATE * campaign.scene.solver.accuracy
     if search.tolerance > goal:  # not asked of other cases, as calibration cases do not reach it
@@ -236,7 +236,7 @@ def common_steps(
         error_limit,
         error,
         accuracy_achieved,
-        nominal,
+        medians,
         methods=search.methods,
     )
 

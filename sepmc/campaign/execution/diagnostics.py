@@ -50,27 +50,28 @@ def file_notes(campaign: Definition) -> list[str]:
 
 def scene_notes(campaign: Definition, integration: Integration) -> list[str]:
     """Notes on the file (`file_notes`) and on joints whose bodies end on the wrong side of each
-    other in the nominal case (`reversed_joints`).
+    other in the case whose dispersed inputs are at their medians (`reversed_joints`).
 
     Parameters
     ----------
     campaign : Definition
     integration : Integration
-        Its attribute ``nominal`` has the outcomes of the nominal case (dispersed inputs at their
-        medians); if that is None, the notes are those of `file_notes` alone.
+        Its attribute ``of_medians`` has the outcomes of that case; if it is None, the notes are
+        those of `file_notes` alone.
 
     Returns
     -------
     list of str
     """
     notes = file_notes(campaign)
-    if integration.nominal is None:
+    if integration.of_medians is None:
         return notes
+    case = "the case of median inputs" if campaign.file.dispersions else "the nominal case"
     outcomes = {
         c.name: float(x * c.scale)
-        for c, x in zip(campaign.outcome_columns, integration.nominal, strict=True)
+        for c, x in zip(campaign.outcome_columns, integration.of_medians, strict=True)
     }
-    return notes + reversed_joints(campaign.scene, outcomes, "the nominal case")
+    return notes + reversed_joints(campaign.scene, outcomes, case)
 
 
 def failure_notes(count: int, n_run: int, max_failures: int | None) -> list[str]:

@@ -108,11 +108,11 @@ class Integration:
         (`sepmc.campaign.execution.accuracy.decisive`); NaN if unknown.
     achieved : AchievedAccuracy or None
         Numerical error of the campaign, from the calibration cases; None if unknown.
-    nominal : ndarray, shape (o,), or None
-        Outcomes, SI, of the case with every dispersed input at its median, which notes call the
-        nominal case; None unless its status is ok.
+    of_medians : ndarray, shape (o,), or None
+        Outcomes, SI, of the case with every dispersed input at its median; None unless its status
+        is ok.
     notes : list of str
-        Notes on the file and on the nominal case, for the user.
+        Notes on the file and on the case of median inputs, for the user.
     fallbacks : tuple of FallbackKernel
         Other kernels, tried in order for cases that the kernel rejects.
     methods : ndarray, shape (segments,)
@@ -134,7 +134,7 @@ class Integration:
     error_limit: float = np.inf
     error: float = np.nan
     achieved: AchievedAccuracy | None = None
-    nominal: np.ndarray | None = None
+    of_medians: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
     fallbacks: tuple[FallbackKernel, ...] = ()
     methods: np.ndarray | None = None

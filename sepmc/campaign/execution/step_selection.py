@@ -324,14 +324,14 @@ def _refined_case_by_case(
     accuracy_achieved = achieved(
         campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok))
     )
-    nominal = block.outcomes[0, : len(units)] if ok[0] else None
+    medians = block.outcomes[0, : len(units)] if ok[0] else None
     scale = scales(block.outcomes[ok][:, : len(units)], units, scene_scale)
     return replace(
         flight,
         scale=scale,
         error=float(block.refinement.error[is_decisive].max(initial=0.0)) / SAFETY,
         achieved=accuracy_achieved,
-        nominal=nominal,
+        of_medians=medians,
     )
 
 

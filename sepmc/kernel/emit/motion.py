@@ -119,7 +119,8 @@ def without_joints(
     s: State, force: dict[str, Any], moment: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Accelerations as if there were no joint forces, by loads alone: ``force`` on each body, N,
-    ground axes, ``moment``, N m, about its mass centre, body axes.
+    ground axes, ``moment`` about its mass centre, N m, body axes. The bodies of a rigid group only
+    rotate together: each mass centre accelerates by the force on its own body.
 
     Returns accelerations of mass centres, by body (ground axes, m/s2), and angular accelerations of
     rigid groups without the ground, by leader (body axes, rad/s2).
