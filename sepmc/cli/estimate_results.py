@@ -192,7 +192,7 @@ def _check(estimation: Estimation) -> list[str]:
         f"model check: residuals by time {_test_text(check.blocks)}; parameters against their "
         f"distributions {_test_text(check.parameters)}; all residuals {_test_text(check.noise)}"
     ]
-    if not check.is_short:
+    if not (check.is_short or check.noise.fails):
         lines.append(
             "the model with these distributions explains the measurements (false alarms: "
             f"{100.0 * LEVEL:g} %)"

@@ -67,12 +67,14 @@ def seconds_of(text: str) -> float | None:
         elif match := _DAY.fullmatch(text):
             day = date(int(match[1]), 1, 1).toordinal() + int(match[2]) - 1
             clock = match.groups()[2:]
+            if date.fromordinal(day).year != int(match[1]):
+                return None
         else:
             return None
     except ValueError:
         return None
     hours, minutes, seconds = int(clock[0]), int(clock[1]), float(clock[2])
-    if hours > 24 or minutes > 59 or seconds >= 61.0:
+    if hours > 24 or minutes > 59 or seconds >= 61.0 or (hours == 24 and minutes + seconds > 0.0):
         return None
     return day * 86400.0 + hours * 3600.0 + minutes * 60.0 + seconds
 

@@ -89,6 +89,8 @@ def test_accuracy_that_is_not_met_names_its_outcomes():
     unknown = AchievedAccuracy(1e-6, {"mass_kg": 0.0, "gap_clearance_mm": NAN}, 9)
     assert not unknown.met
     assert "(gap_clearance_mm nan)" in accuracy_notes(unknown, False)[0]
+    with_nan = AchievedAccuracy(1e-6, {"a": 2e-6, "b": NAN, "c": 3e-6, "d": 1e-7}, 9)
+    assert list(with_nan.unmet) == ["b", "c", "a"]
     several = AchievedAccuracy(1e-6, {"a": 1e-7, "b": 2e-6, "c": 3e-6}, 9)
     assert "error up to 3.0e-06" in accuracy_notes(several, False)[0]
     assert "(c 3.0e-06, b 2.0e-06)" in accuracy_notes(several, False)[0]

@@ -1,6 +1,7 @@
 """`sepmc estimate`: parameters from telemetry."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from small_scenes import SPRUNG
 import sepmc
 from sepmc.campaign import estimation
 from sepmc.campaign.estimation import estimate
-from sepmc.cli import app
+from sepmc.cli import app, estimate_results
 from sepmc.scene.messages import InputError, SceneError
 
 SIGMA, CASE = 0.01, 5
@@ -85,6 +86,24 @@ def test_a_sigma_far_too_large_and_bad_mixing_are_warned_of(folder, monkeypatch)
     assert "100 cases are worth" in mixing
     assert "far too large" in result._repr_html_()
     assert "explained by the model" in repr(result)
+
+
+@pytest.mark.parametrize("scatters", [False, True])
+def test_residuals_that_scatter_are_not_called_explained(scatters):
+    """One line or the other: too small a sigma is no shortfall of the model, but no explanation."""
+    test = {"chi_square": 1.0, "freedom": 1, "p_value": 0.5}
+    holds, fails = SimpleNamespace(**test, fails=False), SimpleNamespace(**test, fails=scatters)
+    check = SimpleNamespace(
+        blocks=holds,
+        parameters=holds,
+        noise=fails,
+        is_short=False,
+        channels=[SimpleNamespace(ratio=3.0)],
+    )
+    channels = [SimpleNamespace(column="x")]
+    _, line = estimate_results._check(SimpleNamespace(check=check, channels=channels))
+    assert ("explains the measurements" in line) != scatters
+    assert ("residuals scatter more" in line) == scatters
 
 
 def test_a_run_stays_if_the_estimate_that_replaces_it_fails(folder):

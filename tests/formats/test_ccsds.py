@@ -267,6 +267,15 @@ def test_epochs_of_both_forms():
     assert seconds_of("2026-060T00:00:10") == seconds_of("2026-03-01T00:00:10.000Z")
     assert seconds_of("2026-03-01T00:00:10.25") - seconds_of("2026-02-28T00:00:00") == 86410.25
     assert seconds_of("2026-13-01T00:00:10") is None
+    assert seconds_of("2026-02-28T24:00:00") == seconds_of("2026-059T24:00:00Z")
+    assert seconds_of("2024-366T00:00:00") == seconds_of("2024-12-31T00:00:00")
+
+
+@pytest.mark.parametrize(
+    "text", ["2026-000T00:00:00", "2026-366T00:00:00", "2026-01-01T24:00:01", "2026-01-01T24:59:00"]
+)
+def test_epochs_that_no_calendar_or_clock_has(text):
+    assert seconds_of(text) is None
 
 
 def test_covariances_and_segments(tmp_path):

@@ -271,6 +271,23 @@ def test_sampled_ramp(pair):
     assert history["fore_vx_m_s"].iloc[-1] * 3.0 == pytest.approx(impulse, abs=1e-12)
 
 
+@pytest.mark.parametrize("first", ["b", "time_s"])
+def test_samples_due_at_one_instant_are_taken_in_the_order_of_the_file(pair, first):
+    """A signal sees the samples that others before it have just taken, also if a third one, still
+    before these, has read the old ones."""
+    signals = [
+        {"name": "a", "formula": first, "sample_s": 0.25},
+        {"name": "b", "formula": "time_s", "sample_s": 0.25},
+        {"name": "out", "formula": "b + 0 * a", "sample_s": 0.25},
+    ]
+    history, t = flown(pair(STILL | {"signal": signals, "load": JET, "solver.step_s": 0.3}))
+    inside = np.abs(t / 0.25 - np.round(t / 0.25)) > 1e-9
+    stairs = 0.25 * np.floor(t[inside] / 0.25)
+    assert_allclose(history["signal_out"][inside], stairs, rtol=0, atol=1e-12)
+    before = np.maximum(stairs - 0.25, 0.0) if first == "b" else stairs
+    assert_allclose(history["signal_a"][inside], before, rtol=0, atol=1e-12)
+
+
 def test_undefined_sample(pair):
     signal = {"name": "out", "formula": "log(0.5 - time_s)", "sample_s": 0.3}
     history = pair(STILL | {"signal": [signal], "load": JET}).simulate(step_s=0.1)

@@ -364,13 +364,14 @@ class AchievedAccuracy:
     @property
     def unmet(self) -> dict[str, float]:
         """Relative error, by name, of each outcome whose error is not at most the requested
-        accuracy, without those in `positions`; the largest error first."""
+        accuracy, without those in `positions`; the largest error first, before it NaN."""
         names = [
             name
             for name, error in self.errors.items()
             if name not in self.positions and not error <= self.asked  # also NaN
         ]
-        return {name: self.errors[name] for name in sorted(names, key=lambda n: -self.errors[n])}
+        order = sorted(names, key=lambda n: -np.nan_to_num(self.errors[n], nan=np.inf))
+        return {name: self.errors[name] for name in order}
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":
         """Return a copy in which the error of each outcome is the larger of its own and that in

@@ -60,7 +60,7 @@ def emit_samples(out: Text, c: Context, segment: Segment) -> None:
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, segment)
     s = State(c, c.scope(), segment, "Y")
-    scope, signals, finite = s.scope, Signals(s), getattr(scalar, "math.isfinite")
+    scope, finite = s.scope, getattr(scalar, "math.isfinite")
     for signal in sampled:
         held, (samples, use_time, sample) = held_field(signal), _fields(signal)
         initial, interval, delay = (
@@ -69,7 +69,7 @@ def emit_samples(out: Text, c: Context, segment: Segment) -> None:
         for field, start in ((samples, 0.0), (use_time, math.inf), (sample, 0.0), (held, initial)):
             if c.workspace.add(field, 1):
                 c.case.scope.store(field, start)
-        value = signals.sample(signal)
+        value = Signals(s).sample(signal)  # a common one would remember samples taken before
         if not isinstance(value, Expr):
             value = scope.add("constant", (value,), NUMBER)
         count, at_once = scope.load(samples), delay <= _SAME_TIME
