@@ -64,9 +64,10 @@ def _run(
 ) -> list[Any]:
     """Run groups of checks, print their table, and return the lines of all groups.
 
-    ``function(name)`` runs the group of a name; those ``in_this_process`` run here, the others in
-    processes beside it. ``suite`` is the module that renders tables; if ``brief``, a table has a
-    row per group instead of a row per line.
+    ``function([name])`` runs the group of a name and returns its lines; the groups
+    ``in_this_process`` run here, the others in processes beside it; a single group runs here.
+    ``suite`` is the module that renders the table; if ``brief``, it has a row per group instead of
+    a row per line. ``quiet`` hides the progress bar.
     """
     from sepmc.validation.groups import side_by_side
 

@@ -124,14 +124,15 @@ class _Divisions(ast.NodeTransformer):
         self.count = 0
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """Return the safe expression for a division or a power, whose operands are made safe first;
-        return other operations unchanged."""
+        """Return the safe expression for a division or a power, and other operations as they are.
+        In all of them, divisions and powers within the operands are made safe first."""
         self.generic_visit(node)
         return self._safe(node, node.left, node.op, node.right)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
         """Return an assignment of the safe expression for ``a /= b`` and ``a **= b``; return other
-        augmented assignments unchanged."""
+        augmented assignments as they are. In all of them, divisions and powers within ``a`` and
+        ``b`` are made safe first."""
         self.generic_visit(node)
         left = ast.parse(ast.unparse(node.target), mode="eval").body
         safe = self._safe(node, left, node.op, node.value)

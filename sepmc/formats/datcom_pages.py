@@ -216,7 +216,8 @@ def _matching(tables: list[Table], text: object) -> list[Table]:
 
 def _fill(output: Output, tables: list[Table]) -> None:
     """Put the values and reference quantities of tables of one configuration into ``output``.
-    Raises FormatError if two tables give different ones."""
+    Raises FormatError if tables have different reference quantities, or a coefficient has two
+    different values at one Mach number, sideslip and alpha."""
     seen: dict[tuple[str, float, float, float], tuple[Value, Table]] = {}
     first: Table | None = None
     for table in tables:

@@ -168,8 +168,9 @@ def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
 
 
 def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
-    """Split an annotation such as ``Time | Ignition`` into the type of the number and the struct of
-    the table that may replace it; None for the struct if there is none."""
+    """Split an annotation such as ``Time | Ignition``, also with ``None``, into the type of the
+    number and the struct of the table that may replace it. Without a struct (``Time | None``),
+    return the whole annotation and None."""
     options = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else ()
     tables = [a for a in options if isinstance(a, type) and issubclass(a, msgspec.Struct)]
     others = [a for a in options if a not in tables and a is not type(None)]

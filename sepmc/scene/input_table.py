@@ -63,8 +63,9 @@ class InputTable:
         raise KeyError(int(cases[~exists][0]))
 
     def digest(self, names: Iterable[str]) -> str:
-        """SHA-256 digest, cut to 16 hexadecimal digits, of the case numbers and of the columns of
-        these names."""
+        """SHA-256 digest, cut to 16 hexadecimal digits, of the case numbers and, one after the
+        other in the order of ``names``, of each name and its column (float64 bytes). KeyError for a
+        name without a column."""
         digest = hashlib.sha256(np.ascontiguousarray(self.numbers, dtype=np.int64).tobytes())
         for name in names:
             digest.update(name.encode() + np.ascontiguousarray(self.columns[name]).tobytes())

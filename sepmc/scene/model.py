@@ -590,10 +590,11 @@ class Run(_Table, frozen=True, kw_only=True):
     """Run settings: end of the flight (s), number of cases, sampling of their inputs, histories.
 
     ``sampler`` and ``seed`` determine the inputs of the cases ("lhs": Latin hypercube; "saltelli":
-    a design for total sensitivity indices). ``samples`` is instead the path of a table with a row
-    of inputs for each case, which also determines ``cases``; None for no table. ``history_step`` is
-    the time between rows of histories (s; 0: no histories), ``chunk`` the largest number of cases
-    in one kernel call.
+    a design for total sensitivity indices). ``samples`` is the path of a table with a row for each
+    case, whose cases are run instead of the first ``cases``; None for no table. Its columns replace
+    the samples of the inputs that they give; the other dispersed inputs are sampled all the same.
+    ``history_step`` is the time between rows of histories (s; 0: no histories), ``chunk`` the
+    largest number of cases in one kernel call.
     """
 
     end_time: Annotated[float, Positive, Quantity("time")]

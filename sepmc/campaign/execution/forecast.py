@@ -49,7 +49,8 @@ class Forecast:
 
     @property
     def memory_bytes(self) -> float:
-        """Approximate memory that the run needs, bytes."""
+        """Approximate memory that the run needs, bytes: that of the process, and that of the rows
+        and histories of three shards. Workers and statistics are not counted."""
         return _PROCESS_BYTES + _SHARDS_IN_MEMORY * min(self.shard_size, self.cases) * float(
             self.row + self.history
         )

@@ -352,8 +352,10 @@ def _interval(text: Text, c: Context, number: int, segment: Segment) -> None:
 def _common_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Append the loop over the steps of an interval for a segment in which all lanes take the same
     number of steps: ``steps[number]``, an argument of the kernel; ``number`` is the index of the
-    segment. If the segment has events, the instant of one in the last step is located after the
-    loop, and that step is monitored up to it only."""
+    segment. With tables or guides, the loop ends early once all lanes are rejected. If the segment
+    has events, every step is a fraction of the time left to the predicted one, so it lies about at
+    the end of the last step: its instant is located after the loop, and that step is monitored up
+    to it only."""
     size, pending, after = (
         f"{c.spec.active_size(segment)} * LANES",
         _pending_calls(segment),

@@ -204,8 +204,9 @@ class Context:
         ]
 
     def needs_interpolation(self, segment: Segment) -> bool:
-        """True if outcomes, or the end of a segment, need states between the ends of its steps: for
-        joint loads or clearances."""
+        """True if the kernel computes states between the ends of the steps of a segment: for joint
+        loads, which outcomes or a condition need, or for clearances. Other ends of a segment (a
+        time, a stroke) need no such states."""
         return self.monitors_loads(segment) or bool(self.active_clearances(segment))
 
     def uses_extension(self, segment: Segment) -> bool:

@@ -12,8 +12,9 @@ from sepmc.kernel.tracer.tracer import total
 
 def emit_extension(out: Text, c: Context) -> None:
     """Write the kernel functions ``make_extension(w, phase, size)``, which computes the
-    coefficients of the continuous extension of the step just made, and ``interpolate_SEGMENT(w)``,
-    which computes the state at a fraction of that step, for each segment that needs it."""
+    coefficients of the continuous extension of the step just made, and, for each segment that
+    needs it, ``interpolate_SEGMENT(w)``, which computes the state at the fraction THETA (a field)
+    of that step. The fields that they need are added to the workspace."""
     c.workspace.add("BEGIN", c.size)
     # fraction of the step to interpolate at; start and length of the step; its present end as a
     # fraction of that length: less than 1 if it was cut short

@@ -136,7 +136,7 @@ class Expr:
 
 
 def _is(a: Any, number: float) -> bool:
-    """True if a value is a known number equal to ``number``."""
+    """True if a value is a number of Python, not an expression, and equal to ``number``."""
     return not isinstance(a, Expr) and a == number
 
 

@@ -190,8 +190,10 @@ def _near(distance: list[float], axial: list[float], step: float, push: float) -
 
 
 def proximity() -> list[Stress]:
-    """Lines of `sepmc stress` on proximity increments far beyond both ends of their table of
-    distances, where they are constant, and on the corner at the end of the table within a step."""
+    """Lines of `sepmc stress` on the speed of a body with proximity increments: far beyond both
+    ends of their table of distances, where they are constant, against the closed form; and with
+    the corner at the end of the table within a step, against a run in much smaller steps, where
+    flagged errors pass too."""
     lines: list[Stress] = []
     for label, distance, push in (
         ("proximity, beyond its last row", [0.0, 0.05, 0.1], 100.0),
