@@ -45,7 +45,7 @@ MAX_NAMED = 20  # failed cases listed per status
 
 
 class _MomentAccumulator(Protocol):
-    """Interface of accumulators of mean and moments, to which `_BlockCounters` adds cases."""
+    """What `_BlockCounters` needs of an accumulator of mean and moments: only `add`."""
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
         """Add values (n,), in the order of their cases, and the numbers of these (n,), which
@@ -53,7 +53,7 @@ class _MomentAccumulator(Protocol):
 
 
 class _QuantileAccumulator(Protocol):
-    """Interface of accumulators of quantiles (sketches), to which `_BlockCounters` adds cases."""
+    """What `_BlockCounters` needs of an accumulator of quantiles (a sketch): only `add`."""
 
     def add(self, values: np.ndarray) -> None:
         """Add ``values`` (n,), which must not contain NaN, in the order of their cases."""

@@ -263,8 +263,9 @@ def _extent(low: Dispersion, high: Dispersion) -> list[float]:
 
 def _check_signs(box: DesignBox) -> None:
     """Raise InputError if somewhere in the box a joint opens to the other side along its axis than
-    in the nominal scene (`separation_sign` differs), or if the box has too many corners to try.
-    Corners suffice: the distance along the axis is linear in each variable."""
+    in the nominal scene (`separation_sign` differs). Only variables of mass centres and of joints
+    change this: it tries all corners of their ranges, as the distance along the axis is linear in
+    each, and raises InputError too if they are more than `_MAX_GEOMETRIC`."""
     variables = [
         v
         for v in box.variables

@@ -175,7 +175,8 @@ def _resampled(
     campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatistics]", inputs: list[str]
 ) -> list[str]:
     """Return the names of the ``inputs`` whose samples differ between two runs because their random
-    numbers (`_sampling`) or distributions differ."""
+    numbers (`_sampling`) or distributions differ. An input that a column of a sample table gives in
+    one of the runs has no random numbers; the values in the tables are not compared here."""
     sampling = [_sampling(r.manifest, each) for r, each in zip(runs, campaigns, strict=True)]
     from_table = {
         d.parameter.column for each in campaigns for d in each.file.dispersions if d.column

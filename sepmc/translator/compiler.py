@@ -33,8 +33,11 @@ def compile_text(text: str, symbol: str) -> bytes:
 
 
 def assembly(text: str, symbol: str) -> str:
-    """Translate a compile unit to the text of a module in LLVM assembly, not optimised; arguments
-    as in `compile_text`."""
+    """Translate a compile unit to the text of a module in LLVM assembly, not optimised.
+
+    ``text`` is its Python source with the function ``entry``, and ``symbol`` the name that this
+    function has in the module, as in `compile_text`.
+    """
     source, module = unit_source(text, ENTRY), Module()
     mark = source.node.decorator_list[0]
     assert isinstance(mark, ast.Call)

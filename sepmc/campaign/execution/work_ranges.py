@@ -183,8 +183,8 @@ _last: dict[tuple[str, str, bool], tuple[Definition, Integration]] = {}
 
 def _ready(job: Job) -> tuple[Definition, Integration]:
     """Campaign and integration (with kernels) of a job: loaded at the first call in this process,
-    and kept until a job of another run comes. Raises StaleWorkerError if the campaign file cannot
-    be read or is not that of the job."""
+    and kept until a job of another run comes. Only where it is loaded is the campaign file checked:
+    StaleWorkerError is raised if it cannot be read or is not that of the job."""
     if job.key not in _last:
         text = job.folder / folders.CAMPAIGN
         try:

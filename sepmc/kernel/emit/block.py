@@ -237,10 +237,10 @@ def _check_start(text: Text, c: Context) -> None:
 
 
 def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that, as a segment begins, set its end time: the time at which its condition is
-    met (a sum of parameters) or, if that is past, the present time; plus the release delay of the
-    segment, if any. Cases in which the end came while the delayed releases of the segment before
-    were pending are rejected (`Variant.ANY_ORDER`)."""
+    """Append lines that, as a segment begins, set its end time (the field ``UNTIL_SEGMENT``): the
+    time at which its condition is met (a sum of parameters) or, if that is past, the present time;
+    plus the release delay of the segment, if any. Cases in which the end came while the delayed
+    releases of the segment before were pending are rejected (`Variant.ANY_ORDER`)."""
     scope, time = c.scope(), total([c.case.number(slot) for slot in segment.end_time])
     now = scope.load("T")
     if segment.after_late:  # its end came during a release delay
@@ -256,8 +256,8 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
 
 
 def _begin_delayed(text: Text, c: Context, segment: Segment) -> None:
-    """Append lines that, as a segment of delayed releases begins, set its end time: the present
-    time plus the longest of the delays."""
+    """Append lines that, as a segment of delayed releases begins, set its end time (the field
+    ``UNTIL_SEGMENT``): the present time plus the longest of the delays."""
     scope = c.scope()
     first, *others = (c.case.number(slot) for slot in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)

@@ -95,7 +95,8 @@ def _emit_search(text: Text, c: Context, segment: Segment, i: int, entry: Cleara
 
 def _emit_screening(text: Text, c: Context, i: int) -> None:
     """Append lines that set the component SCREEN_NEAR to 1 in lanes in which clearance number ``i``
-    may become smaller in the step just made, whose path is in the field SCREEN, else to 0."""
+    may fall below its minimum so far in the step just made, whose path is in the field SCREEN, else
+    to 0."""
     limit = component("CLEARANCES", at.CLEARANCE_OUTCOMES * i)
     text.lanes()(
         f"w[{component('SCREEN', at.SCREEN_LIMIT)} + l] = w[{limit} + l]",

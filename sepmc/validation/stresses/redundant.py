@@ -287,7 +287,7 @@ def near_parallel() -> list[Stress]:
 
 def short_rods() -> list[Stress]:
     """Lines of `sepmc stress` on a rod of 1 m to 1e-12 m between two turning bodies: error of its
-    length, and energy. Rods of 1 mm and more must be accurate."""
+    length, in m whatever the length, and energy. Rods of 1 mm and more must be accurate."""
     lines = []
     for length in (1.0, 1e-3, 1e-6, 1e-9, 1e-12):
         tree = pair("rod", step=0.01)
