@@ -103,8 +103,8 @@ def _ratio(y, x):
     """Ratio of the smaller to the larger of |x|, |y|. If it exceeds tan(pi / 8), it is reduced by
     arctan(t) = pi / 4 + arctan((t - 1) / (t + 1)).
 
-    Returns four values: the numerator and the denominator of the ratio; True if it was reduced;
-    True if |y| is larger than |x|.
+    Returns four values: the numerator and the denominator of the ratio (0 and 1 if x and y are 0);
+    True if it was reduced; True if |y| is larger than |x|.
     """
     ax, ay = abs(x), abs(y)
     steep = ay > ax

@@ -188,7 +188,8 @@ def _refuse_direction(
     key_path: str, until: Condition, quantities: list[str], problems: Problems
 ) -> None:
     """Add the problem of a condition that has a ``direction`` but not exactly one quantity with a
-    threshold; ``quantities`` are those that it has."""
+    threshold, which the caller has found; ``quantities`` are the keys of those that it has: none,
+    or several."""
     keys = _OF_JOINT | _OF_BODY
     reason = (
         "belongs to one quantity: give each its own table, in any = [...]; here are "

@@ -159,7 +159,7 @@ class BatchHistories:
 
     def of_samples(self, samples: np.ndarray) -> np.ndarray:
         """Return the histories (n, c, t), as `__call__` does, of cases with inputs ``samples``
-        (n, d) in SI."""
+        (n, d) in SI; all NaN for a case whose status is neither ok nor never-released."""
         with using_threads(self._threads):
             status, histories, _ = self._integrate(self._way, samples)
             if self._campaign.scene.solver.step is None:

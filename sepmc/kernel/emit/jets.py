@@ -38,7 +38,7 @@ def _known(*terms: Any) -> Any:
 
 
 def add(a: Jet, b: Jet) -> Jet:
-    """Jet of the sum a + b."""
+    """Jet of the sum a + b; its second derivative is None if that of a or of b is."""
     return Jet(a.value + b.value, a.rate + b.rate, _known((a.second,), (b.second,)))
 
 

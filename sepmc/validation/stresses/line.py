@@ -119,7 +119,8 @@ def judge(
 
 def relative(values: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float:
     """Largest difference between two arrays, relative to the largest magnitude of ``expected``, or
-    to ``size`` if that is larger; NaN if a value is NaN, or if ``values`` is empty."""
+    to ``size`` if that is larger; NaN if a value is NaN, or if ``values`` is empty. If both sizes
+    are 0, it is NaN or infinite."""
     measured, references = np.asarray(values, float), np.asarray(expected, float)
     if not measured.size:
         return math.nan

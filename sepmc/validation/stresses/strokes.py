@@ -215,7 +215,8 @@ def slow() -> list[Stress]:
 def spent_springs() -> list[Stress]:
     """Lines of `sepmc stress` on the gap at the end with a spring whose own stroke ends just below
     the top of the oscillation, so that its force ends, or just above it, so that it pulls the
-    bodies back."""
+    bodies back. At 1e-3 of the top from it, and in steps chosen for an accuracy, all must be
+    accurate; elsewhere they may be flagged."""
     lines = []
     for margin in (1e-3, 1e-6, 1e-9, -1e-9, -1e-6, -1e-3):
         tree = _oscillator(2.0 * TOP)
