@@ -359,7 +359,8 @@ def index_notes(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
 
 def _format_index(row: pd.Series, name: str) -> str:
     """Format the index ``name`` of a row as ``index +- half-width`` of its interval, with three
-    decimals; only the index if the half-width is NaN; an empty string if the index is NaN."""
+    decimals; only the index if the half-width is NaN; an empty string if the index is NaN. The
+    half-width is the column ``NAME_high``, the upper end, minus the index."""
     if np.isnan(row[name]):
         return ""
     half_width = row[f"{name}_high"] - row[name]

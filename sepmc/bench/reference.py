@@ -69,8 +69,9 @@ def reference_times() -> int:
 
 def make_reference(study: Study) -> Reference:
     """Integrate the study's `own_cases` by dop853 and double the number of steps, up to six times,
-    until the change of the outcomes no longer decreases; check the result by the other formulation
-    on some of the cases. Return both as the reference."""
+    until the change of the outcomes no longer decreases. Return the outcomes of the doubling with
+    the smallest change, and their difference from those of the other formulation, which integrates
+    some of the cases."""
     campaign = study.with_settings({"solver.method": METHOD})
     integration = (
         study.integration if study.method == METHOD else select_steps(campaign, announce=study.say)

@@ -186,7 +186,8 @@ def event_times(history: Mapping[Any, Any]) -> dict[str, float]:
 
 def submitted(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:
     """Start ``work`` in a second process, and return a function that waits for its result and
-    returns it. Without a process, or if it has ended, that function does the work itself."""
+    returns it. Without a process, or if it has died (BrokenExecutor), that function does the work
+    itself when it is called."""
     if second is None:
         return work
     from concurrent.futures import BrokenExecutor

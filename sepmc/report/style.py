@@ -145,7 +145,8 @@ def set_panel_title(ax: Axes, text: str, size: float) -> None:
 
 def _columns(texts: Sequence[str], inches: float) -> int:
     """Return the number of columns of a legend with entries ``texts``: the largest that fits into a
-    width of ``inches``, unless fewer columns give as many rows; at least 1."""
+    width of ``inches``, unless fewer columns give as many rows; at least 1. A column is as wide as
+    its longest entry."""
     widths = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
     for columns in range(len(texts), 1, -1):
         rows = -(-len(texts) // columns)

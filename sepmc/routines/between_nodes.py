@@ -116,12 +116,13 @@ def update(w, nodes, record, rough, summit, begin, length, work):
 
 @routine
 def _integrate(w, c, integral, rough, length, work):
-    """Add the mean magnitude over the step times its length to the integral, in lanes with a
-    tolerance of that mean (field ``rough``).
+    """Add the mean magnitude over the step times its length to the number at ``integral``, in lanes
+    whose tolerance of that mean, at ``rough``, is above 0.
 
     The rule of Gauss and Kronrod is applied to an interval that is halved until the magnitude in it
     is even (`peaks.is_uneven`) or too small to matter; then to the next interval, which is twice as
-    long where it may be. Arguments as in `update`.
+    long where it may be. ``c`` is the position of the coefficients of the vector, ``work`` that of
+    7 scratch numbers of each lane; other arguments as in `update`.
     """
     low, width, halvings, fine, coarse, smallest, largest = (
         work,
@@ -170,8 +171,9 @@ def _integrate(w, c, integral, rough, length, work):
 @routine
 def _note_summits(w, c, nodes, record, summit, begin, length, work):
     """Search the peaks between the nodes; the field ``summit`` has their number. A peak that is
-    larger by more than round-off replaces the peak so far and its time. Arguments as in
-    `update`."""
+    larger by more than round-off replaces the peak so far and its time. ``c`` is the position of
+    the coefficients of the vector, ``work`` that of scratch numbers after them; other arguments as
+    in `update`."""
     node, low, high, x, move, sizes = (
         work,
         work + LANES,

@@ -218,8 +218,9 @@ def budget_lines(scene: Scene) -> Iterator[str]:
     Yields
     ------
     str
-        First a line on all bodies as one, then one on each body, motor, and spring of finite
-        energy.
+        First a line on the mass, mass centre and inertia of all bodies as one; then one on the
+        principal inertia of each body, the impulse of each motor, and the energy of each spring for
+        which it is finite.
     """
     whole = mated(scene)
     yield "mated        " + _sentence(whole)

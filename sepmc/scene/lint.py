@@ -153,9 +153,9 @@ def _off_axis(scene: Scene) -> Iterator[str]:
 
 
 def _wide_distributions(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Yield a sentence on each distribution whose half range exceeds the size of the nominal value.
-    Discrete and constant distributions, parameters that may have either sign, loads, and nominal
-    values of 0 are left out."""
+    """Yield a sentence on each distribution whose half range (3 sigma for a normal one without
+    truncation) exceeds the size of the nominal value. Discrete and constant distributions,
+    parameters that may have either sign, loads, and nominal values of 0 are left out."""
     for each in dispersions:
         path = each.parameter.path
         is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)

@@ -240,7 +240,7 @@ def _head(c: Context) -> Text:
 def _state_offsets(spec: KernelSpec) -> list[str]:
     """Lines of code that define the offsets of quantities in a state vector, in this order:
     position and velocity of each body, the work of all loads, states of signals, attitude and
-    angular rate of each body."""
+    angular rate of each body in the order `attitude_order`."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
         for i, body in enumerate(spec.bodies)
