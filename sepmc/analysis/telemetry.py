@@ -597,8 +597,9 @@ def _variance(
     independent samples.
 
     ``samples`` and ``curves``, of this case alone, are as for `_mean_squares`. Residuals that are
-    correlated in time count as fewer, by their correlation from one sample to the next. The
-    variance is infinite if the case does not change over time or has fewer than three samples.
+    correlated in time count as fewer, by their correlation from one sample to the next. Channels
+    with fewer than three samples are left out. The variance is infinite if none is left, or if the
+    case does not change over time in those left.
     """
     top = bottom = effective = 0.0
     for (time, flight), own in zip(samples, curves, strict=True):

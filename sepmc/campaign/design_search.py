@@ -222,8 +222,8 @@ class DesignSearch:
         return pd.concat(self._searched[fraction], ignore_index=True)
 
     def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:
-        """Return the values of the variables, by TOML path, in the row of a table with this index
-        label."""
+        """Return the values of the variables, one for each key of ``vary`` (a TOML path, also with
+        wildcards), in the row of a table with this index label."""
         values = table.loc[row].to_dict()
         return {one.key: float(values[one.key]) for one in self.variables}
 

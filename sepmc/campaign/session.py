@@ -436,8 +436,9 @@ class Session:
         """Return the inputs ``rows`` (d, n), SI, with NaN in invalid cases, which a kernel skips
         (as `Definition.in_si`): a copy, or ``rows`` itself if all cases are valid.
 
-        A case is invalid if an input is out of the bounds of its parameter, or a load does not end
-        after its start (`Definition.ends_before_start`)."""
+        A case is invalid if an input is out of the bounds of its parameter, which is then NaN, or
+        if a load does not end after its start (`Definition.ends_before_start`): all its dispersed
+        inputs are then NaN. One NaN suffices for a kernel to skip the case."""
         factors, laws = self.box.factors, self.box.ends[0].file.dispersions
         masks = {
             k: ~law.allowed(rows[k] / factors[k]) for k, law in enumerate(laws) if law.has_tails

@@ -35,8 +35,8 @@ class Terminated(KeyboardInterrupt):
 
 
 class Program(click.Group):
-    """Group of commands that end on errors, those of options included, with a message and no
-    traceback."""
+    """Group of commands that end on the errors of `plain_errors` (bad input, unusable files), those
+    of options included, with a message and no traceback; other errors pass."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Parse the options of a command and run it."""

@@ -288,7 +288,8 @@ class _Pages:
     def add(self, line_number: int, line: str) -> None:
         """Read the next line of the output: a row of coefficients goes into a table of ``cases``,
         headings and conditions of flight describe the tables that follow, other lines are skipped.
-        ``line_number`` is counted from 1."""
+        A line with text among its cells ends the table; rows before the first Mach number are
+        skipped. ``line_number`` is counted from 1."""
         if self._header(line):
             return
         upper = line.upper()

@@ -139,7 +139,8 @@ def _load_part(w, out, source, step):
 
 @formula
 def _part(w, k):
-    """Return the numbers of a lane's part of an outline, whose first component is at w[k]."""
+    """Return a lane's part of an outline, whose first component is at w[k], as `from_layout` takes
+    it: kind, layout point of its start (tuple of 3), length aft and the two radii, m."""
     return (
         w[k], get3(w, k + LANES), w[k + 4 * LANES], w[k + 5 * LANES], w[k + 6 * LANES],
     )  # fmt: skip

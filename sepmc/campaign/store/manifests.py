@@ -208,8 +208,9 @@ def _changed_ledger(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Findi
 
 
 def has_case_rows(manifest: Mapping[str, Any]) -> bool:
-    """Return True if the run of a manifest stores the rows of all its cases. It does not if it is a
-    single case, a rare-event estimate, or stores statistics only."""
+    """Return True if the run of a manifest stores the rows of all cases that it has run, also if it
+    is not complete. It does not if it is a single case, a rare-event estimate, or stores statistics
+    only."""
     return is_resumable(manifest) and not manifest.get("stats_only")
 
 

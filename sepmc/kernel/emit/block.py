@@ -92,7 +92,7 @@ def emit_block(out: Text, c: Context) -> None:
 def _begin(out: Text, c: Context) -> None:
     """Write the kernel function ``load_cases(w, first, a)`` (arguments as in `emit_block`), which
     loads the parameters of a block's cases into the workspace and prepares the start of the
-    cases."""
+    cases. Lanes beyond the last case get the inputs of the last case."""
     text = out.function(
         "load_cases(w, first: int, a: Arrays)",
         "Load the parameters of the cases into the workspace and prepare their start.",

@@ -191,7 +191,7 @@ class _Run(NamedTuple):
 def _part_runs(c: Context, i: int, side: int) -> list[_Run]:
     """Runs of consecutive outline parts that clearance number ``i`` includes of its first
     (``side`` 0) or second (1) body. A search follows each pair of a run of the first body and one
-    of the second."""
+    of the second. An outline that varies from case to case gets its workspace field here."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     entry, runs = c.spec.scene.clearance[i], []
     body = entry.bodies[side]

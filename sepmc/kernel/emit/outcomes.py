@@ -117,7 +117,7 @@ def _event_outcomes(end: State, event: str, o: int) -> None:
 
 def _ignition_outcomes(end: State) -> None:
     """Add lines to the scope of the final state ``end`` that store the ignition times, s, of
-    triggered motors into the field IGNITIONS; NaN for a motor that did not ignite."""
+    triggered motors into the field IGNITIONS; NaN for a motor that has not ignited by then."""
     c, motors = end.c, end.spec.triggered_motors
     if motors:
         c.workspace.add("IGNITIONS", len(motors), optional=True)

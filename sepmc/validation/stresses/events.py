@@ -134,9 +134,10 @@ def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalRun:
 
 
 def simultaneous() -> list[Stress]:
-    """Lines of `sepmc stress` on release times: of two joints at one instant; of a phase ended by a
-    time or a stroke that are met at one instant, or nearly so; of conditions met before their phase
-    begins; of a delayed joint."""
+    """Lines of `sepmc stress` on release times: of two joints at one instant (and on the sideways
+    rates of the body between them, which stay 0); of a phase ended by a time or a stroke that are
+    met at one instant, or nearly so; of conditions met before their phase begins; of a delayed
+    joint. All must be accurate."""
     lines = []
     # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
