@@ -155,7 +155,8 @@ def air() -> list[Stress]:
 
 def wind() -> list[Stress]:
     """Lines of `sepmc stress` on the speed of the probe below, within and above the rows of a wind
-    profile, which is constant beyond them, and at its first and last row: one for each altitude."""
+    profile, which is constant beyond them, and at its first and last row: one for each altitude.
+    All must be accurate."""
     lines = []
     profile = {
         "altitude_m": [1000.0, 5000.0, 6000.0],

@@ -44,7 +44,7 @@ def _load(angle: float, start: float) -> float:
 def peak_loads() -> list[Stress]:
     """Lines of `sepmc stress` on the release time of a hinge with a break load just below, or just
     above, the peak load of a swing, which lies within a step. A load above the peak is not
-    reached: the release expected then is that by time, at 1 s."""
+    reached: the release expected then is that by time, at 1 s. All must be accurate."""
     frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
     lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
     lines = []
@@ -83,7 +83,7 @@ def peak_loads() -> list[Stress]:
 
 def angle_limits() -> list[Stress]:
     """Lines of `sepmc stress` on the release time of a hinge with an angle limit from 1e-6 deg to
-    180 deg, where the angle between two bodies turns back."""
+    180 deg, where the angle between two bodies turns back. Each passes also if it is flagged."""
     lines = []
     for degrees in (1e-6, 90.0, 179.0, 179.999, 180.0):
         for step in (0.05, 0.013):
@@ -181,7 +181,7 @@ def simultaneous() -> list[Stress]:
 def _line(label: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
     """Line of `sepmc stress` on the release time in the scene that `pushed` makes: its slider ends
     at ``stroke``, m, or at a condition in ``until``, whichever is first. ``time`` is the expected
-    release time, s."""
+    release time, s. It must be accurate."""
     run = simulate(pushed(stroke, **until))
     return judge(
         label,
@@ -242,7 +242,7 @@ def _cascade() -> list[Stress]:
 def under_load() -> list[Stress]:
     """Lines of `sepmc stress` on a weld released under a load of 2e3 to 2e11 N: rates, energy and
     angular momentum are constant, and the mass centre of the second body continues along its
-    tangent."""
+    tangent. All must be accurate."""
     lines = []
     for rate in (1.0, 100.0, 1e4):
         bodies = {

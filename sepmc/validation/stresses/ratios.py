@@ -103,7 +103,7 @@ def inertias() -> list[Stress]:
 def needles() -> list[Stress]:
     """Lines of `sepmc stress` on the angular rates of a free symmetric needle whose moments of
     inertia differ by up to 1e12: the rate about its axis is constant, and the vector of the other
-    two rotates about it."""
+    two rotates about it. Each line passes also if it is flagged."""
     lines = []
     for ratio in (1e-3, 1e-6, 1e-9, 1e-12):
         needle = body(1.0, [0.7 * ratio, 0.7, 0.7], [1.0, 0.0, 0.0])
@@ -125,7 +125,7 @@ def needles() -> list[Stress]:
 def nearly_singular() -> list[Stress]:
     """Lines of `sepmc stress` on a thin free rod along (1, 2, 3), whose inertia tensor is full and
     nearly singular, with round-off up to the size of its minimum moment: rate about its axis, and
-    angular momentum."""
+    angular momentum. Each line passes also if it is flagged."""
     n = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
     lines = []
     for minimum in (1e-3, 1e-6, 1e-9, 1e-12, 1e-15):
@@ -152,7 +152,8 @@ def nearly_singular() -> list[Stress]:
 
 def arms() -> list[Stress]:
     """Lines of `sepmc stress` on the rate and force of a weld at a point 0 to 1 km from both mass
-    centres, and on joints of four kinds at both mass centres, whose force is zero."""
+    centres, and on joints of four kinds at both mass centres, whose force is zero. All but the weld
+    1 km away must be accurate."""
     lines = []
     for length in (0.0, 1e-6, 1.0, 30.0, 1e3):
         fore, aft = FORE | {"cg_m": [0.0, 0.0, 0.0]}, AFT | {"cg_m": [2.0 * length, 0.0, 0.0]}
@@ -201,7 +202,7 @@ def arms() -> list[Stress]:
 
 def long_pendulum() -> list[Stress]:
     """Lines of `sepmc stress` on a small body on a ball joint to the ground, 1 m and 1 km away,
-    released at 60 deg from the vertical: a plane pendulum."""
+    released at 60 deg from the vertical: a plane pendulum. All must be accurate."""
     lines = []
     for length in (1.0, 1e3):
         bob = body(2.0, [0.02, 0.03, 0.03], [length, 0.0, 0.0])

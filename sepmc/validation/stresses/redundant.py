@@ -207,7 +207,8 @@ def _bars(last: str) -> Tree:
 def four_bar() -> list[Stress]:
     """Lines of `sepmc stress` on a plane four-bar with a hinge at each corner: the last one needs
     only two translations, so three of its rows are redundant. The reference is a second simulation,
-    in which that corner is a point on a line: same motion, and the reactions of minimum norm."""
+    in which that corner is a point on a line: same motion, and the reactions of minimum norm.
+    All must be accurate."""
     run, without = simulate(_bars("revolute")), simulate(_bars("point-on-line"))
     lines = _same_motion("closed four-bar of hinges", run, without, FORM)
     return lines + _reactions("closed four-bar of hinges", run, without, 3, FORM)
