@@ -41,7 +41,7 @@ def masses() -> list[Stress]:
 
     The rate, the attitude and the force in the weld have one line each per ratio, with their error
     against the motion as one rigid body. The force is compared on the lighter body: the position of
-    the heavier one in the composite is a difference that loses all digits.
+    the heavier one in the composite is a difference that loses all digits. All must be accurate.
     """
     lines = []
     for ratio in RATIOS:
