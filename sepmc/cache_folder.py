@@ -76,7 +76,8 @@ def _create(folder: Path) -> bool:
 
 def _is_safe(folder: Path) -> bool:
     """Return True if a folder exists and no user but the owner can write it or replace it, which
-    takes write permission on its parent. (On Windows only its existence is checked.)"""
+    takes write permission on its parent; a sticky bit of the parent does not help. (On Windows only
+    the existence of the folder is checked.)"""
     try:
         modes = [part.stat().st_mode for part in (folder, folder.parent)]
     except OSError:

@@ -17,8 +17,9 @@ config = SimpleNamespace(plain=os.environ.get(PLAIN, "0") != "0")
 
 
 def formula(function: _F) -> _F:
-    """Mark a formula, a function of numbers and tuples, and return it unchanged. Compiled code
-    inlines every call of it, since a loop over cases with a call in it is not vectorised."""
+    """Mark a formula, a function of numbers and tuples, and return it unchanged: the mark is only
+    the text ``@formula`` in the source, which the translator reads. Compiled code inlines every
+    call of it, since a loop over cases with a call in it is not vectorised."""
     return function
 
 
@@ -30,7 +31,8 @@ def long_formula(function: _F) -> _F:
 
 def routine(function: _F) -> _F:
     """Mark a routine, a function with loops or searches, mostly over numbers in a workspace, and
-    return it unchanged. The compiler decides where it is inlined."""
+    return it unchanged: the mark is only the text ``@routine`` in the source, which the translator
+    reads. The compiler decides where the routine is inlined."""
     return function
 
 

@@ -143,7 +143,7 @@ class Column:
     name : str
         Name, which ends in the unit, as ``pitch_deg``.
     unit, meaning : str
-        Unit and explanation, as text for users.
+        Unit ("1" without a unit) and explanation, as text for users.
     scale : float
         Factor from SI to the unit: value in ``unit`` = ``scale`` times value in SI.
     """
@@ -466,7 +466,8 @@ def outcome_columns(contents: Contents) -> list[Column]:
 
 def relative_columns(contents: Contents, event: str = "") -> list[Column]:
     """Return the columns of hinge angles, and of distances and relative attitudes of pairs of
-    bodies, at the end of a case; if ``event`` is the name of an event, at that event."""
+    bodies, at the end of a case; if ``event`` is the name of an event, at that event, with names
+    that begin with ``EVENT_``."""
     start, when = (f"{event}_", f", at {event}") if event else ("", "")
     columns = [x for joint in contents.hinges for x in _columns(_HINGE, f"{joint}_", joint)]
     for first, body in contents.relative:

@@ -30,7 +30,8 @@ MAX_EXACT_CASES = 500_000
 
 
 def index_by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a DataFrame of the columns, indexed by case number; ``case`` stays a column too."""
+    """Return a DataFrame of the columns, indexed by case number (the index has no name); ``case``
+    stays a column too."""
     table = pd.DataFrame(columns)
     table.index = pd.Index(table["case"].to_numpy())
     return table

@@ -111,7 +111,8 @@ class Study:
 
     @cached_property
     def units(self) -> list[str]:
-        """Units of the outcomes, in the order of `Campaign.outcome_columns`."""
+        """Units of the outcomes as text for users ("1" without a unit), in the order of
+        `Campaign.outcome_columns`."""
         return [c.unit for c in self.campaign.outcome_columns]
 
     @cached_property

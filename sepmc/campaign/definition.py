@@ -334,6 +334,9 @@ class Definition:
     ) -> np.ndarray:
         """Sample inputs of cases ``first`` to ``first + count`` - 1.
 
+        Without a sample table, a random or Sobol sample has every case number from 0 on, also
+        beyond ``total``.
+
         Parameters
         ----------
         first, count : int
@@ -468,7 +471,7 @@ class Definition:
         Parameters
         ----------
         number : int
-            Case number.
+            Case number, from 0.
         seed, total : int, optional
             As for `sample`.
 

@@ -161,8 +161,8 @@ class Result:
         Returns
         -------
         DataFrame or None
-            A row per case and time: case, time_s and separations; None if no histories were stored
-            (``run.history_step_s`` is 0).
+            A row per case and time: case, time_s, and separation speed and distance of each joint;
+            None if no histories were stored (``run.history_step_s`` is 0).
 
         Raises
         ------
@@ -377,7 +377,7 @@ class Result:
         Parameters
         ----------
         number : int
-            Case number.
+            Case number, from 0.
 
         Returns
         -------

@@ -45,7 +45,8 @@ def allocate(
     quiet: bool,
 ) -> None:
     """Halve and double the spread of each dispersed input of FILE, on the same random numbers, and
-    show how the probability of a violation changes, as a table that is also written as a CSV file.
+    show how the probability of a violation changes, as a table that is also written as a CSV file,
+    NAME-allocation.csv by default.
 
     If FILE passes its requirements, the proposal doubles as many spreads as possible while it still
     passes; else it halves as few as possible until it passes. A run with another seed judges the

@@ -20,8 +20,9 @@ from sepmc.cli.options import (
 @out_file_option("NAME.png", "PNG, SVG or PDF")
 @overwrite_option("the drawing in --out")
 def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
-    """Draw the vehicle of FILE at the start, from the side, from above and from behind: outlines,
-    centres of mass, joints, springs, and motors with their thrust.
+    """Draw the vehicle of FILE at the start, from the side, from above and from behind, as NAME.png
+    by default: outlines, centres of mass, joints, springs, motors with their thrust, and loads in
+    body axes.
 
     \b
     Example:

@@ -68,6 +68,9 @@ def map_(
     if the cases show neither. With --max-cases, designs that are open are run with more cases, at a
     confidence that is raised for the number of these looks.
 
+    The verdicts are written as a table, NAME-map.parquet by default, with a figure for each
+    requirement beside it.
+
     KEY is a TOML path with its unit; * stands for any name. An option replaces the key of [map] in
     FILE; --x replaces both axes. Case N has the same random numbers in every design. To judge a
     design that was chosen by a map, run it with another seed.

@@ -76,7 +76,8 @@ def _select(folder: Path, campaign: "Campaign", way: str, target: str) -> tuple[
 
     ``way`` is the option worst, min, max or nearest, and ``target`` its value: for worst the name
     or metric of a requirement; for min and max an outcome, input or audit column; for nearest such
-    a column, a colon, and a percentile (p99.73), ``mean`` or a value. Raises InputError if
+    a column, a colon, and a percentile (p99.73), ``mean`` or a value. Of min, max and nearest only
+    cases whose status is ok count. Raises InputError if
     ``target`` is none of these or no case can be selected, StoreError if the folder is damaged.
     """
     from sepmc.campaign import run_statistics

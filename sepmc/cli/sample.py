@@ -39,9 +39,10 @@ def sample(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Write the sampled inputs of FILE's cases as a table, one row per case: columns case and
-    in_..., in the units of the file. sepmc campaign FILE --samples TABLE runs exactly these cases.
-    A table from another program can give any of the inputs of [dispersion] in the same way.
+    """Write the sampled inputs of FILE's cases as a table, NAME.parquet by default, one row per
+    case: columns case and in_..., in the units of the file. sepmc campaign FILE --samples TABLE
+    runs exactly these cases. A table from another program can give any of the inputs of
+    [dispersion] in the same way.
 
     \b
     Example:

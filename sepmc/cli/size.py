@@ -85,8 +85,8 @@ def size(
     """Find the design with the smallest cost that passes all requirements of FILE, and judge it by
     a run with another seed than that of the search.
 
-    With one cost, the design, the search and the verdict are recorded in a JSON file of the same
-    name as the table of the search.
+    The designs of the search are written as a table, NAME-size.csv by default. With one cost, the
+    design, the search and the verdict are recorded in a JSON file of the same name.
 
     Several costs give a few designs of which none is better than another one in every cost (a
     front), each judged in this way; a table and a figure of them are written beside --out. --run

@@ -207,9 +207,10 @@ def _ratio(lateral: _Reference, long: _Reference) -> float:
 
 
 def _compare(references: dict[str, _Reference], aero: dict[str, Any]) -> None:
-    """Raise FormatError if the reference area or length of a file is not that of the aerodynamics
-    of the campaign (``aero``) within 2 %; one that either of them does not give is not compared.
-    ``references`` has those of the file by their DATCOM names, here ``sref`` and ``lref``."""
+    """Raise FormatError if the reference area or length of a file differs from that of the campaign
+    by more than 2 % of that of the file and the rounding there; one that either of them does not
+    give is not compared. ``references`` has those of the file by their DATCOM names, here ``sref``
+    and ``lref``; ``aero`` is the table ``aerodynamics`` as in TOML, not yet in SI."""
     for name, stem, kind in (
         ("sref", "reference_area", "area"),
         ("lref", "reference_length", "length"),
@@ -259,9 +260,9 @@ def parse_datcom(text: str, options: dict[str, Any]) -> tuple[dict[str, Any], li
 
 
 def _chosen(text: str, options: dict[str, Any]) -> tuple[Output, float]:
-    """Output of the case that ``options`` choose, and the sideslip, deg, up to which slopes by beta
-    are extended (`_SIDESLIP` by default). Raises FormatError if an option is not valid, or if there
-    are several cases and none is chosen."""
+    """Output of one configuration of one case, which ``options`` choose as for `parse_datcom`, and
+    the sideslip, deg, up to which slopes by beta are extended (`_SIDESLIP` by default). Raises
+    FormatError if an option is not valid, or if there are several cases and none is chosen."""
     case = choose_case(parse_cases(text), options.get("case"))
     output = choose_output(case, options.get("configuration"))
     sideslip = options.get("sideslip_deg", _SIDESLIP)

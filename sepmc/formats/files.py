@@ -162,8 +162,9 @@ def _side_sign(table: dict[str, Any]) -> list[str]:
 
 
 def _located(options: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Options of a trajectory in which the path of the attitude file, if there is one, is preceded
-    by the folder of the campaign."""
+    """Options of a trajectory in which the path of the attitude file, ``file`` of the table
+    ``attitude``, if there is one, is preceded by the folder of the campaign; the given options are
+    not changed."""
     attitude = options.get("attitude")
     if isinstance(attitude, dict) and isinstance(attitude.get("file"), str):
         return options | {"attitude": attitude | {"file": str(folder / attitude["file"])}}

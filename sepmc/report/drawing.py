@@ -79,7 +79,8 @@ class _Labels:
 
     def write(self) -> None:
         """Draw each label inside the axes and near its point, where it overlaps least with marks,
-        lines and earlier labels. The axes must have their final size and limits."""
+        lines and earlier labels; a line joins it to its point if it is far. The axes must have
+        their final size and limits."""
         canvas = self.ax.figure.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         renderer, bounds = canvas.get_renderer(), np.array([self.ax.get_window_extent().extents])

@@ -27,7 +27,7 @@ class CaseReplay:
     Parameters
     ----------
     number : int
-        Case number.
+        Case number, from 0.
     title : str
         Heading of the case.
     figures : sequence of Path

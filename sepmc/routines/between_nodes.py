@@ -50,7 +50,7 @@ def _recurred(a, x, b, previous):
 
 @formula
 def _size_at(x, w, c):
-    """Return the magnitude at ``x``."""
+    """Return the magnitude at ``x``, from -1 to 1 over the step."""
     b, previous = get3(w, c + 3 * (COUNT - 1) * LANES), _NOTHING
     for j in _DOWNWARD:
         b, previous = _recurred(get3(w, c + 3 * j * LANES), x, b, previous), b
@@ -60,7 +60,7 @@ def _size_at(x, w, c):
 @formula
 def _slope_at(x, w, c):
     """Return the first and the second derivative, by x, of half the square of the magnitude at
-    ``x``, by Clenshaw's recurrence and its derivatives."""
+    ``x``, from -1 to 1 over the step, by Clenshaw's recurrence and its derivatives."""
     b, previous = get3(w, c + 3 * (COUNT - 1) * LANES), _NOTHING
     slope, last_slope, bend, last_bend = _NOTHING, _NOTHING, _NOTHING, _NOTHING
     for j in _DOWNWARD:
@@ -230,8 +230,9 @@ def _next_summit(after, w, nodes, sizes):
 @routine
 def _approach(w, c, low, high, x, move):
     """Make one step of Newton's method from x towards the peak between ``low`` and ``high``, in all
-    lanes, or halve that interval if the step would leave it; store its size in ``move``. The
-    arguments are positions."""
+    lanes, or halve that interval if the step would leave it; store its size in ``move``. One of
+    ``low`` and ``high`` becomes the old x. The arguments are positions in ``w``, ``c`` that of the
+    coefficients; x, ``low`` and ``high`` go from -1 to 1 over the integration step."""
     for l in range(LANES):
         guess = w[x + l]
         slope, bend = _slope_at(guess, w, c + l)

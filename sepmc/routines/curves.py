@@ -75,7 +75,7 @@ def write(w, curves, joints, stride, begin, end, length, values, interval, histo
     interval : float
         Time between rows, s; row k has the time k * interval.
     history : array, shape (cases, rows, 2 joints)
-        Output: speed (m/s) and distance (m) of each joint.
+        Output: of joint j, the speed (m/s) in column 2 j and the distance (m) in column 2 j + 1.
     first : int
         Index in ``history`` of the case in lane 0.
     """

@@ -14,29 +14,29 @@ from sepmc.routines.layout import GRAIN
 
 @formula
 def motor_params(i, m, case):
-    """Position in the workspace of the parameters of motor i, for the case whose numbers begin at
-    ``case``; m is the `Model`."""
+    """Position in the workspace of the first parameter of motor i (the
+    others follow it), for the case whose numbers begin at ``case``; m is the `Model`."""
     return case + m.scene.motors_p + at.MOTOR_SIZE * i
 
 
 @formula
 def load_params(i, m, case):
-    """Position in the workspace of the parameters of constant load i, for the case whose numbers
-    begin at ``case``; m is the `Model`."""
+    """Position in the workspace of the first parameter of constant load i (the
+    others follow it), for the case whose numbers begin at ``case``; m is the `Model`."""
     return case + m.scene.loads_p + at.LOAD_SIZE * i
 
 
 @formula
 def motor_work(i, m, case):
-    """Position in the workspace of the interval data of motor i, for the case whose numbers begin
-    at ``case``; m is the `Model`."""
+    """Position in the workspace of the first number of the interval data of motor i (the
+    others follow it), for the case whose numbers begin at ``case``; m is the `Model`."""
     return case + m.scene.motors_w + at.MOTOR_WORK * i
 
 
 @formula
 def load_work(i, m, case):
-    """Position in the workspace of the interval data of constant load i, for the case whose numbers
-    begin at ``case``; m is the `Model`."""
+    """Position in the workspace of the first number of the interval data of constant load i (the
+    others follow it), for the case whose numbers begin at ``case``; m is the `Model`."""
     return case + m.scene.loads_w + at.LOAD_WORK * i
 
 

@@ -153,8 +153,8 @@ def _rising(top: float) -> list[float]:
 
 def convert_wind(key_path: str, wind: dict[str, Any], problems: Problems) -> list[str]:
     """Convert wind and its profile in place: ``from_deg``, the compass direction from which the
-    wind comes, to ``direction_deg``, the direction from ground x to which it blows, and
-    geopotential to geometric heights.
+    wind comes, to ``direction_deg``, the direction from ground x to which it blows (not reduced to
+    0 to 360), and geopotential to geometric heights.
 
     ``from_deg`` needs ``azimuth_deg``, the compass direction of ground x, which is removed from the
     table; without ``from_deg``, or beside ``direction_deg``, either is a problem.

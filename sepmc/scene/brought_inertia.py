@@ -89,7 +89,8 @@ _MOMENTS = ("inertia", "inertia_products")
 
 def _tensor(key_path: str, value: Any, problems: Problems) -> np.ndarray | None:
     """Symmetric matrix (3, 3) from the TOML value at ``key_path``; None, after adding a problem, if
-    the value is not one."""
+    the value is not one. Elements that differ by round-off from those across the diagonal are
+    averaged."""
     try:
         tensor = np.array(value, dtype=float) if are_numbers(value) else np.zeros(0)
     except ValueError:

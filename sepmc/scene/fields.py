@@ -179,7 +179,8 @@ def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
 
 def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
     """Strip ``| None`` and ``Annotated`` from an annotation; returns the bare type and the
-    annotated quantity, None if there is none."""
+    annotated quantity, None if there is none. A union of several types besides None is returned as
+    it is, with None as quantity."""
     if get_origin(annotation) in (Union, types.UnionType):
         options = [a for a in get_args(annotation) if a is not type(None)]
         if len(options) == 1:

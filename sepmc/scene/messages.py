@@ -60,8 +60,8 @@ class Problems(list[str]):
 
     def add(self, key_path: str, allowed: str, value: object = None) -> None:
         """Append the line ``key_path = value: allowed``, or ``key_path: allowed`` if there is no
-        value. If the list has 100 problems, append a line that says so and raise
-        TooManyProblems."""
+        value. If the list has 100 problems already, append, in place of this one, a line that says
+        so and raise TooManyProblems."""
         if len(self) == _MAX_PROBLEMS:
             self.append("there are more problems; only the first 100 are listed")
             raise TooManyProblems

@@ -258,9 +258,9 @@ def _number(x: Any) -> float | None:
 
 
 def replays_of(campaign: "Campaign", number: int, seed: int, total: int) -> list[dict[str, Any]]:
-    """Simulate the nominal case and case ``number`` of a sample of ``total`` cases with a ``seed``,
-    at an accuracy of `_ACCURACY` if the file asks for a finer one; return their replay data,
-    without cases that have no history. Called in a second process."""
+    """Simulate the nominal case and case ``number`` (from 0) of a sample of ``total`` cases with a
+    ``seed``, at an accuracy of `_ACCURACY` if the file asks for a finer one; return their replay
+    data, without cases that have no history. Called in a second process."""
     from sepmc.report.replay_data import replay_data  # noqa: PLC0415  (matplotlib)
 
     if campaign.scene.solver.step is None and campaign.scene.solver.accuracy < _ACCURACY:

@@ -282,8 +282,9 @@ def _verdict(block: Block, step: float | None) -> np.ndarray:
 
 
 def _completed(block: Block, step: float | None) -> np.ndarray:
-    """Outcomes (m, o), SI, of the m cases of a block that are VALID by `_verdict` and have the
-    status ok; of all VALID cases if none of them is ok. ``step`` is as for `_verdict`."""
+    """Outcomes and audit columns (m, o), SI, of the m cases of a block that are VALID by `_verdict`
+    and have the status ok; of all VALID cases if none of them is ok. ``step`` is as for
+    `_verdict`."""
     is_valid = _verdict(block, step) == VALID
     ended = is_valid & (block.status == Status.OK)
     return np.asarray(block.outcomes[ended if ended.any() else is_valid])

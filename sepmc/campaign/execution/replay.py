@@ -24,7 +24,7 @@ class RowComparison:
     Attributes
     ----------
     number : int
-        Case number.
+        Case number, from 0.
     was_run : bool
         False if the case was not run again, as the campaign's kernel is not in the cache of
         compiled kernels.

@@ -532,8 +532,8 @@ class Runner:
 
     def statistic_is_known(self, until: StoppingRule, end: int, n_looks: int) -> bool:
         """Return True if the first ``end`` cases give a statistic as precisely as the rule
-        ``until`` asks; these are then the wanted cases of the run.
-
+        ``until`` asks. The wanted cases of the run are then reduced to these, and a sentence on the
+        precision is announced.
         ``n_looks`` is the maximum number of such checks in a run, on which the confidence of each
         depends. The result is False for a resumed run with more than ``end`` cases: it went on, so
         these were not enough.

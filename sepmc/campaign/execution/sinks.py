@@ -177,7 +177,7 @@ class SelectedRowWriter:
     def write(self, chunks: list[Chunk]) -> list[Entry]:
         """Write a shard of the selected rows of chunks; return a list with its ledger entry, which
         the caller has to record. The list is empty, and no shard is written, if no row is
-        selected."""
+        selected. The worst cases are those of all chunks so far, so later ones may be worse."""
         status = {"status": status_labels(_codes(chunks))}
         table = case_table(self.campaign, chunks) | status
         positions, reasons = self.selection.choose(table)

@@ -45,7 +45,8 @@ class Case:
         return self.common_centre if body == GROUND else self.vector(self.body(body) + at.CG)
 
     def inertia(self, body: str) -> Expr:
-        """Inertia tensor of a body about its mass centre, body axes, kg m2."""
+        """Inertia tensor of a body about its mass centre, body axes, kg m2, its ``inertia_factor``
+        included."""
         p = self.body(body)
         return vehicle.inertia_tensor(
             self.number(p + at.INERTIA_FACTOR),

@@ -18,8 +18,10 @@ from sepmc.scene.outline_parts import packed_runs
 def emit_clearances(out: Text, c: Context) -> None:
     """Write the kernel functions ``search_lane(w, job)``, which searches the step of one lane for
     a distance smaller than the smallest one so far, and, for every segment with clearances,
-    ``search_clearances_SEGMENT(w)``, which does so for all clearances and lanes. Results are stored
-    in the field CLEARANCES, NaN until a distance is known."""
+    ``search_clearances_SEGMENT(w)``, which does so for all clearances and lanes; and for these
+    ``bound_motion(w)`` and ``screen_outlines(w, ...)``, which find the lanes to search. Add their
+    fields to the workspace. Results are stored in the field CLEARANCES, NaN until a distance is
+    known."""
     powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(component("CLEARANCES", k), math.nan)

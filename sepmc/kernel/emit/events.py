@@ -61,8 +61,9 @@ def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
 
 def _time_to_event(s: State, event: Event) -> Any:
     """Expression of the predicted time from the state to an event, s (0 if its condition was met at
-    the start of the interval, infinite if none is in sight); add to the scope lines that store
-    value and rate of its condition for later steps."""
+    the start of the interval, infinite if none is in sight or, unless it ends the phase or is the
+    border of a layer, it has occurred); add to the scope lines that store value and rate of its
+    condition for later steps."""
     if event.direction:
         return _time_to_crossing(s, event)
     if event.quantity == at.AT_KINK:
@@ -425,8 +426,8 @@ def _spin_rate(s: State, body: str) -> Any:
 
 def emit_event_flags(out: Text, c: Context) -> None:
     """Write the kernel function ``set_event_flags(w, phase)``, which, at the end of an interval of
-    segment number ``phase``, sets the flags of the events whose conditions are met and loads the
-    next cells and layers."""
+    segment number ``phase``, sets the flags of the events whose conditions are met, raises the
+    error indicators of their times, and loads the next cells and layers of tables."""
     text = out.function(
         "set_event_flags(w, phase: int)",
         "After the last step to an event: set the flags of the conditions that are met.",

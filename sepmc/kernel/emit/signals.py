@@ -370,8 +370,8 @@ class Quantities:
         return Jet(elapsed, where(passed, 1.0, 0.0) if self.moving else 0.0)
 
     def _acceleration(self, body: str) -> Any:
-        """Acceleration of the mass centre of a body, not GROUND, in ground axes, m/s2, from the
-        derivative K1 of the state."""
+        """Acceleration of the mass centre of a body, not GROUND, in ground axes, m/s2: the rate of
+        the velocity of that body in K1, the derivative of the state."""
         return self.s.scope.load(f"K1 + V_{body}", 3)
 
     def _jet(self, value: Any, rate: Any, second: Any = None) -> Jet:

@@ -308,7 +308,8 @@ class Segment:
     @property
     def ends_by_time(self) -> bool:
         """True if the segment ends, at the latest, at a time known when it begins: a time or
-        burn-out of the file, or the longest release delay. Events may end it earlier."""
+        burn-out of the file, or the longest release delay. Events may end it earlier. The end of
+        the run, which ends every segment, does not count."""
         return bool(self.end_time or self.late)
 
     @cached_property

@@ -56,7 +56,7 @@ def fold(function: ast.FunctionDef, numbers: dict[str, int]) -> None:
 
 def _targets(node: ast.Assign) -> list[str]:
     """Names that an assignment assigns to: one, or those of a tuple; targets that are no names,
-    such as ``w[i]``, are left out."""
+    such as ``w[i]``, are left out. Of ``a = b = x`` only ``a`` is returned."""
     names = node.targets[0]
     return [
         target.id

@@ -440,7 +440,9 @@ class _Writer:
 
     def _line(self, node: int) -> str | None:
         """Line that assigns the value of a node to a variable; None if the node has no line in the
-        loop, because its code is inserted where it is used or stands before the loop."""
+        loop, because its code is inserted where it is used or stands before the loop. To be called
+        once for each node, in order: the code that stands for the node in later lines is noted in
+        ``spelled``, its variable in ``named``, a line before the loop in ``shared``."""
         op, args, shape = self.scope.nodes[node]
         code, precedence = self._code(op, args, shape)
         if op == "shared":

@@ -28,8 +28,8 @@ CASES = range(4)
 
 @cache
 def _table() -> dict[str, np.ndarray]:
-    """Results of the first 200 cases of table2.toml, by column name, (200,) each: compiled code,
-    steps of 10 ms; cached."""
+    """Case table (inputs, status, outcomes and audit) of the first 200 cases of table2.toml, by
+    column name, (200,) each: compiled code, steps of 10 ms; cached."""
     return load("table2.toml", FINE).run(cases=200, announce=no_log).table
 
 
@@ -70,9 +70,9 @@ def phases() -> list[Line]:
 
 
 def cases() -> list[Line]:
-    """Check the outcomes of four dispersed cases against `sepmc.validation.lagrange`, in two lines
-    each: compiled in steps of 10 ms, and as plain Python in steps selected for an accuracy of
-    1e-11."""
+    """Check the outcomes of the first four dispersed cases against `sepmc.validation.lagrange`, in
+    two lines each: compiled in steps of 10 ms, and as plain Python in steps selected for an
+    accuracy of 1e-11."""
     base, lines = load("table2.toml", FINE), []
     tables = {
         "steps of 10 ms": _table(),
