@@ -387,7 +387,8 @@ class Model:
 
     @property
     def _names(self) -> list[str]:
-        """Names of the dimensions: keys of the parameters, then ``delay of FILE``."""
+        """Names of the dimensions: keys of the dispersed parameters, then ``delay of FILE`` for
+        each file whose delay is estimated, without its folder unless two would then be equal."""
         keys = [one.parameter.key for one in self.campaign.file.dispersions]
         short = [Path(name).name for name in self.clocks]
         clocks = short if len(set(short)) == len(short) else self.clocks

@@ -72,7 +72,8 @@ def replay(
 
 
 def _select(folder: Path, campaign: "Campaign", way: str, target: str) -> tuple[int, str]:
-    """Select a case of a run; return its number, and the end of a sentence that says why.
+    """Select a case of a run; return its number, and the end of a sentence that says why, such as
+    ``has the minimum of COLUMN``.
 
     ``way`` is the option worst, min, max or nearest, and ``target`` its value: for worst the name
     or metric of a requirement; for min and max an outcome, input or audit column; for nearest such

@@ -148,7 +148,8 @@ def parse_eng(text: str, engine: Any = None) -> ThrustCurve:
     """Read the thrust curve of an engine from the text of a RASP file.
 
     The curve rises from (0, 0) to the first row, if that is later than 0 s; two rows at one time
-    are a step; comments begin with ``;``.
+    are a step, and of more rows the first and the last count; a time before that of the row above
+    is an error. Comments begin with ``;``.
 
     Parameters
     ----------

@@ -297,8 +297,8 @@ def sensitivity_figures(
     about: str,
     suffix: str = ".png",
 ) -> list[Path]:
-    """Draw `tornado_figure` and `scatter_figure`, with the arguments of the latter; return the
-    files written."""
+    """Draw `tornado_figure` and `scatter_figure`, with the arguments of the latter; return the two
+    files written, in this order."""
     return [
         tornado_figure(sensitivities, folder, units, keys, about, suffix),
         scatter_figure(sensitivities, rows, violating, folder, units, keys, about, suffix),

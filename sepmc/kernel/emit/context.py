@@ -183,8 +183,8 @@ class Context:
 
     def emit_alias(self, out: Text, segment: Segment, function: str) -> bool:
         """Write, for a segment with an alias (`alias_of`), the kernel function
-        ``FUNCTION_SEGMENT(w)``, which only calls that of the alias. Return True if it was written;
-        False without an alias."""
+        ``FUNCTION_SEGMENT(w)``, which only calls that of the alias; SEGMENT is the name of a
+        segment. Return True if it was written; False without an alias."""
         after = self.alias_of(segment)
         if after:
             text = out.function(
