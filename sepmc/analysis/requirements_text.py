@@ -68,7 +68,9 @@ def requirement_sentence(
     Returns
     -------
     str
-        As ``NAME: METRIC >= BOUND UNIT in 99 % of POPULATION, with 90 % confidence``.
+        As ``NAME: METRIC >= BOUND UNIT in 99 % of POPULATION, with 90 % confidence``; share and
+        confidence are always given. A requirement with two bounds has both, one without a bound
+        ``does not occur``, and one on `VIOLATION` ``no other requirement is violated`` instead.
     """
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"

@@ -233,7 +233,8 @@ _View = tuple[tuple[float, float], ...]  # ends of the axes aft, up and right, m
 
 def _frame_views(frames: Sequence[_Frame], scene: Scene) -> tuple[list[_View], float]:
     """Return the view of each frame (low and high end of the axes aft, up and right, m) and the
-    length of the vehicle at the start, m. A view contains all bodies and all earlier views."""
+    length of the vehicle at the start, m. A view contains, with a margin, all bodies as they are
+    in this frame and in all earlier ones."""
     views = []
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     length = 0.0

@@ -384,8 +384,8 @@ def _far(pair, w, pose):
 @routine
 def _along(pair, w, pose):
     """Return, for a pair of a rim and a shell (`_distance`) at the pose stored at w[pose], three
-    numbers, m: the smallest and the largest coordinate of the rim along the axis of the shell, and
-    an upper bound of the distance of its points from that axis."""
+    numbers, m: the smallest and the largest coordinate of the rim along the axis of the shell, 0
+    at the start of the shell, and an upper bound of the distance of its points from that axis."""
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)

@@ -229,7 +229,8 @@ def _from_distribution(
     spec: Distribution, parameter: Parameter, nominal: float, key_path: str, problems: Problems
 ) -> Dispersion | None:
     """Dispersion from the distribution ``spec`` of a file; ``nominal`` is the parameter's nominal
-    value in the unit of its key. None, after adding a problem, if the distribution is not valid."""
+    value in the unit of its key. None, after adding a problem, if the distribution is not valid in
+    itself; whether its values are within the bounds of the parameter is not checked here."""
     names = _given(spec)
     if len(names) != 1:
         problems.add(

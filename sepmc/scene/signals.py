@@ -167,7 +167,8 @@ def read_signals(tree: Any, problems: Problems) -> tuple[Signal, ...]:
 
 def _check_states(signal: Signal, key_path: str, problems: Problems) -> None:
     """Add problems for keys of a signal that exclude or need each other: ``lag_s``, ``servo``,
-    ``integral``, ``rate_limit``, ``delay_s``, ``sample_s``, ``initial``."""
+    ``integral``, ``rate_limit``, ``delay_s``, ``sample_s``, ``initial``; and for a delay beyond
+    ``sample_s``."""
     responses = {"lag_s": signal.lag, "servo": signal.servo, "integral": signal.integral or None}
     given = [key for key, value in responses.items() if value is not None]
     if len(given) > 1:

@@ -467,8 +467,9 @@ class _SingleRun:
 
     def _try_steps(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
         """Integrate the case with ``steps`` (segments,), the number of steps of each segment, by
-        the compiled kernel if they are many; return its outcomes (o,), SI, and its status, which is
-        FINER_STEPS if smaller steps are needed.
+        the compiled kernel if the largest of them is large (`_compile_for`) or the kernel has been
+        compiled before; return its outcomes (o,), SI, and its status, which is FINER_STEPS if
+        smaller steps are needed.
 
         An integration that reached its end is appended to ``completed``. Raises _RejectedError if
         the steps are too many, the case needs another kernel variant, or it needs smaller steps

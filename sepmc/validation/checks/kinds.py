@@ -24,7 +24,8 @@ KINDS = (*(kind for kind in lagrange.KINDS if kind != "free"), *CUSTOM)
 
 def _campaign(kind: str, other_settings: dict[str, Any] | None = None) -> Campaign:
     """Campaign of two_bodies.toml with a joint of ``kind``, a name of `KINDS`, which stays to the
-    end; ``other_settings`` replaces values in the file, by path."""
+    end. What a kind needs, the definition of one of `CUSTOM` or the second point of a rod, is
+    added. ``other_settings`` replaces further values in the file, by path, and the phase above."""
     name = "own" if kind in CUSTOM else kind
     settings: dict[str, Any] = {"phase": [{"name": "held", "joints": {"link": name}}]} | (
         other_settings or {}
