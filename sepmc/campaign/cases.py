@@ -181,7 +181,10 @@ def probabilities(
     Returns
     -------
     ndarray, shape (len(paths), count)
-        A row per parameter, between 0 and 1: uniform, and independent but for the copulas.
+        A row per parameter, between 0 and 1 (both excluded): uniform, and independent but for the
+        copulas. A case has the same numbers in every chunk. By the samplers random and lhs, a
+        row depends on its own path, not on the others; by sobol and saltelli on its position and
+        the number of rows.
     """
     if sampling.sampler == "sobol" and paths:
         u = _sobol(len(paths), seed, first, count)

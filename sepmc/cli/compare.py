@@ -193,8 +193,9 @@ def _sampling(manifest: Mapping[str, Any], campaign: "Campaign") -> tuple[Any, .
     """Return the tuple (seed, sampler, paths of jointly sampled parameters, number of cases) of a
     run, given by its manifest and its campaign.
 
-    Two runs with equal tuples have the same random numbers. The paths are an empty tuple, and the
-    number is 0, where the random numbers of the sampler do not depend on them.
+    Two runs with equal tuples have the same random numbers. The paths are an empty tuple unless the
+    sampler is sobol or saltelli, and the number is 0 unless it is lhs or saltelli: the random
+    numbers of the other samplers do not depend on them.
     """
     from sepmc.campaign.cases import SIZE_DEPENDENT
     from sepmc.scene.model import SALTELLI

@@ -41,7 +41,7 @@ class Work:
     limit : float
         Number of lines in plain Python beyond which WorkLimitError is raised.
     done : float
-        Number of lines executed in plain Python.
+        Number of lines counted in plain Python: of each call, all lines of its function.
     compiled : float
         Estimated number of lines executed in compiled kernels.
     numbers : list
@@ -55,8 +55,9 @@ class Work:
 
     @contextlib.contextmanager
     def counted(self) -> Iterator[None]:
-        """Context in which every call of a kernel function in plain Python adds the lines of that
-        function to ``done``, and raises WorkLimitError once ``done`` is beyond the limit."""
+        """Context in which every call of a kernel function in plain Python adds the number of lines
+        of code of that function to ``done``, whichever of them it executes, and raises
+        WorkLimitError once ``done`` is beyond the limit."""
         before = _counting.set(self)
         try:
             yield

@@ -224,9 +224,10 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
 
 
 def _check_parameter(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
-    """Add a problem if the parameter of a dispersion cannot vary in this scene, or not with this
-    kind of distribution: ``fails`` only as discrete or constant 0 and 1, ``friction`` only if its
-    nominal value is not 0, ``offset_m`` of a part of an outline only if the part is a frustum."""
+    """Add a problem if the parameter of a dispersion is one of three that vary only under a
+    condition which is not met: ``fails`` only as discrete or constant 0 and 1, ``friction`` only if
+    its nominal value is not 0, ``offset_m`` of a part of an outline only if the part is a frustum.
+    All other parameters pass."""
     parameter = dispersion.parameter
     key_path, parts = f"dispersion.{parameter.key}", parameter.path.split(".")
     if parts[-1] == "fails" and not (

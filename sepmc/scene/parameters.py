@@ -107,9 +107,9 @@ def all_parameters(scene: Scene, tree: Mapping[str, Any]) -> Iterator[Parameter]
 
 
 def _keys(node: Any, tree: Any, field: Field | None = None) -> Iterator[tuple[str, ...]]:
-    """Yield the TOML path of each number below a node of the scene, as a tuple of keys from there.
-    ``tree`` is the same node in the file (anything else if it is not there), ``field`` the field
-    that has the node."""
+    """Yield the TOML path of each number below a node of the scene, as a tuple of keys from there,
+    which end in units: those of the file, where it has the key. ``tree`` is the same node in the
+    file (anything else if it is not there), ``field`` the field that has the node."""
     tree = tree if isinstance(tree, Mapping) else {}
     items: Iterable[tuple[str, Any, Any, Field | None]] = ()
     if isinstance(node, msgspec.Struct):

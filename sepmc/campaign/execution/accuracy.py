@@ -238,8 +238,9 @@ def with_scales_of(
     """Return relative error and scale of outcomes, with scales from the values in cases.
 
     ``errors_by_name`` (the relative error of each outcome, not computed here) and the result are as
-    for `with_scales`. ``outcomes`` (n, o) are the values of all outcomes in n cases, in the units
-    of their columns. If ``names`` is given, the result has only these outcomes, which is faster.
+    for `with_scales`; errors of values smaller than its scale are relative to the scale (`scales`).
+    ``outcomes`` (n, o) are the values of all outcomes in n cases, in the units of their columns.
+    If ``names`` is given, the result has only these outcomes, which is faster.
     """
     if names is None:
         return _by_name(campaign, errors_by_name, column_scales(campaign, outcomes))

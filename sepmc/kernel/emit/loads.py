@@ -257,7 +257,8 @@ def air_density(s: State, body: str) -> Expr:
 
 def _reduced_rates(s: State, body: str, flow: Any) -> dict[str, Any]:
     """Reduced angular rates of a body, by name (p, q, r): the rate times reference length over
-    twice the airspeed, 0 in still air; only those that its aerodynamic coefficients depend on.
+    twice the airspeed, 0 in still air and for a body that is fixed to the ground; only those that
+    its aerodynamic coefficients depend on.
     ``flow`` is the velocity relative to the air, body axes, m/s."""
     terms = {term.rate for term in aero_terms(s.spec.scene) if term.body == body and term.rate}
     needed = terms | {rate for _, _, rate in table_derivatives(s.spec, body)}

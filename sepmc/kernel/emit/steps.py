@@ -554,8 +554,9 @@ def _finish_height(scope: Scope, c: Context, body: str) -> None:
 
 def emit_indicators(out: Text, c: Context) -> None:
     """Write the kernel function ``note_indicators(w, phase)``, which, after a step in segment
-    number ``phase``, updates in INDICATORS the maximum embedded error of all steps so far: of
-    velocity, attitude and angular rate of every body."""
+    number ``phase``, updates in INDICATORS the maximum embedded error of all steps of the case so
+    far, over all segments: of velocity, attitude and angular rate of every body. Attitude and
+    rate of a body count from the first segment that integrates its attitude (`rotating_from`)."""
     text = out.function(
         "note_indicators(w, phase: int)",
         "Update the maximum embedded error of the steps of every body, into INDICATORS.",
