@@ -180,8 +180,8 @@ def _quotient(f: Any, a: Number, b: Number) -> Number:
 
 def comparison(f: Any, op: ast.cmpop, left: Number, right: Number) -> Number:
     """Add to ``f`` the code of a comparison of two numbers, given by its node of the syntax tree
-    (``ast.Lt()``); return the truth value. Raises TypeError for a comparison that cannot be
-    translated, such as ``is``."""
+    (``ast.Lt()``); return the truth value. Of two constants it is a constant, without code. Raises
+    TypeError for a comparison that cannot be translated, such as ``is``."""
     if type(op) not in _PYTHON_TESTS:
         raise TypeError(
             f"no comparison {type(op).__name__}: must be one of < <= > >= == != and, for items of "

@@ -168,7 +168,9 @@ def accuracy_entries(
 ) -> dict[str, Any]:
     """Return the contents of the entry ``accuracy`` of a manifest, by key: methods and steps of an
     integration, numerical error of the run (`accuracy`), number of calibration cases (``cases``),
-    and counts of the cases in the summary that were integrated again or by a fallback kernel."""
+    and counts of the cases in the summary that were integrated again or by a fallback kernel. A
+    key whose item does not apply, such as a count of 0, is left out; ``n_unconverged`` is given
+    whenever cases were integrated again."""
     solver, achieved = campaign.scene.solver, accuracy(integration, summary)
     entries: dict[str, Any] = {
         "formulation": solver.formulation,
