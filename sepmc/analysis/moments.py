@@ -142,7 +142,8 @@ class Moments:
     def row(self) -> dict[str, float]:
         """Return n, mean, sigma, min, max, mean_se, sigma_se, case_min and case_max by these names,
         as in the table of `sepmc.analysis.statistics.statistics`. Numbers that the values do not
-        determine (such as a sigma of one value) are absent."""
+        determine (such as a sigma of one value) are absent. With infinite values, the mean is
+        infinite, or NaN if there are both signs, and sigma and standard errors are absent."""
         if self.n == 0:
             return {"n": 0}
         row = {

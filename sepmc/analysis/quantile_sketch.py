@@ -80,8 +80,8 @@ class QuantileSketch:
 
     def merge(self, others: "QuantileSketch | ValueList") -> None:
         """Add the values of an accumulator that `new_partial` returned; its cases must follow those
-        already added. A sketch is changed by it: the values that it still stores are
-        counted in its bins."""
+        already added. If ``others`` is a sketch, its values and those stored here are counted in
+        bins, which changes ``others`` too."""
         if isinstance(others, ValueList):
             for values in others:
                 self.add(values)

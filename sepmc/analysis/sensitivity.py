@@ -192,7 +192,7 @@ def order_description(table: pd.DataFrame, count: int) -> str:
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
     """Set the columns ``rank``, ``rank_low``, ``rank_high`` (rank correlation and the ends of its
-    95 % interval) and ``partial`` (partial rank correlation; not set if inputs determine each
+    95 % interval) and ``partial`` (partial rank correlation; it stays NaN if inputs determine each
     other) of ``table``, a row for each of d inputs, from the inputs ``x`` (d, n) and the outcome
     ``y`` (n,)."""
     correlation = np.corrcoef(_ranks(np.vstack([x, y])))

@@ -71,7 +71,9 @@ class Flops:
 
 def count(campaign: Campaign, integration: Integration) -> Flops | None:
     """Count the operations of the first case of a campaign in the steps and methods of
-    ``integration``; return None if the compiled code does not show those of every phase."""
+    ``integration``: those of the rates of the state, and of the sums of the Runge-Kutta stages.
+    The times in which delayed releases are pending do not count. Return None if the compiled code
+    does not show those of every phase."""
     shape = make_kernel_spec(campaign.layout, campaign.dispersed)
     phase_names = shape.names.of["phase"]
     solver = integration.one_method

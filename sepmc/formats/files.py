@@ -177,7 +177,7 @@ def _move(
     """Remove from ``owner`` the table at ``key_path``, which named the file, and put the keys read
     from the file into ``owner`` instead. Adds a problem for each other key of that table, which
     lists the keys allowed for its ``kind`` (a key of `_OPTIONS_OF`), and for each quantity that
-    ``owner`` gives too."""
+    ``owner`` gives too; the value of the file then replaces one of an equal key."""
     parent, _, name = key_path.rpartition(".")
     for key in owner.pop(name):
         allowed = ", ".join(("file", *_OPTIONS_OF[kind]))

@@ -56,7 +56,7 @@ class Case:
 
     def group_inertia(self, group: tuple[str, ...]) -> Expr:
         """Sum of the inertia tensors of the bodies of a rigid group, each about its own mass
-        centre, kg m2; their body axes are parallel."""
+        centre, kg m2; their body axes stay parallel, but they may slide on each other."""
         inertia = self.inertia(group[0])
         for body in group[1:]:
             inertia = vec3.add_matrices(inertia, self.inertia(body))

@@ -154,8 +154,9 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
 
 
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
-    """Moment on the second body of a joint within a rigid group, which has no rotation rows, body
-    axes, N m: from Euler's equations of the bodies on one side of the joint."""
+    """Moment on the second body of a joint within a rigid group (bodies that rotate together, but
+    may slide), whose rotation rows are left out, body axes, N m: from Euler's equations of the
+    bodies on one side of the joint."""
     joints = s.spec.scene.joint
     first, second = joints[joint].bodies
     side = _side(s, joint, second)

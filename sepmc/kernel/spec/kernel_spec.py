@@ -182,9 +182,10 @@ class Segment:
     """Part of a case that one set of kernel functions integrates: a phase, or the time between two
     phases in which delayed releases are pending (then ``phase`` names the phase after it).
 
-    ``groups`` are the rigid groups: bodies that rotate together; the first body of a group is its
-    leader, whose attitude is integrated. A kind of a joint is the set of constraint rows that it
-    has at a time; joints with several possible kinds may change within the segment.
+    ``groups`` are the rigid groups: bodies that rotate together, but may slide on each other; the
+    first body of a group is its leader, whose attitude is integrated. A kind of a joint is the set
+    of constraint rows that it has at a time; joints with several possible kinds may change within
+    the segment.
 
     Attributes
     ----------
@@ -193,7 +194,7 @@ class Segment:
     rows, dropped : list of Row
         Constraint rows, and redundant rows that are left out.
     welds : list of str
-        Joints without relative rotation: their bodies rotate as one rigid group.
+        Joints without relative rotation, sliders too: their bodies rotate as one rigid group.
     redundant : int
         Number of redundant rows if each body rotates by itself; if > 0, multipliers are not unique.
     full, least_squares : bool

@@ -553,10 +553,12 @@ def _make_segment(
     its rigid groups of the moving ``bodies``, constraint rows, and those of the ``releases`` that
     may occur in it. What ends it is set by the caller.
 
-    Rotation rows within a rigid group are left out, since its bodies share one attitude; so are
-    redundant rows (`Segment.dropped`). In the full formulation without redundant rows, in the
-    variant LEAST_SQUARES, and in ANY_ORDER with redundant rows, every body is a group of its own
-    and all rows stay.
+    A rigid group are bodies that rotate together, but may slide on each other: the joints between
+    them (`Segment.welds`) have all three rotation rows in each kind that they may have. Rotation
+    rows within a group are left out, since its bodies share one attitude; so are redundant rows
+    (`Segment.dropped`), unless a joint may change its kind within the segment. In the full
+    formulation without redundant rows, in the variant LEAST_SQUARES, and in ANY_ORDER with
+    redundant rows, every body is a group of its own and all rows stay.
     """
     numbers = {r.name: _kind_number(scene, r.joint, r.to) for r in scene.release}
     lighting = {motor.trigger.release for motor in scene.motor if motor.trigger is not None}
