@@ -183,9 +183,9 @@ class Estimate:
         """Return the ends (low, high) of the 95 % interval of a probability, from its ``estimates``
         (r,) by the replicas.
 
-        With only one level, direct Monte Carlo, it is the binomial interval of all cases. If all
-        estimates are 0, ``high`` is that of the probability to reach the last level that any
-        replica reached, or 1 if there is none.
+        With only one level, direct Monte Carlo, it is the binomial interval of all cases, else
+        `mean_interval`. If all estimates are 0, ``low`` is 0 and ``high`` is that of the
+        probability to reach the last level that any replica reached, or 1 if there is none.
         """
         if len(self.levels) == 1:  # direct Monte Carlo
             cases = self.size * len(estimates)
@@ -408,8 +408,9 @@ def _levels(
 
 def _next_threshold(ordering: np.ndarray, chains: int, before: list[float]) -> float | None:
     """Return the next threshold: the margin that ``chains`` cases of ``ordering`` (n,) reach, at
-    least 0 and below the thresholds ``before``. If so many margins are equal that there is none, it
-    is the largest margin below them. None if that is negative or does not exist."""
+    least 0 and below the thresholds ``before`` or, if there are none, below the largest margin. If
+    so many margins are equal that there is none, it is the largest margin that is below. None if
+    that is negative or does not exist."""
     ascending = np.sort(ordering)
     last = before[-1] if before else ascending[-1]  # a threshold that all cases reach is no level
     if ascending[chains - 1] < last:

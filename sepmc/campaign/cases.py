@@ -242,7 +242,8 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape of u
         In the unit of the parameter's key; of a normal distribution without truncation -inf at 0
-        and inf at 1.
+        and inf at 1. A distribution that a column of ``run.samples`` gives is linear between its
+        quantiles (`Dispersion.numbers`).
     """
     numbers = dispersion.numbers
     if dispersion.distribution == "uniform":

@@ -361,6 +361,8 @@ class _SingleRun:
         self, steps: np.ndarray, notes: list[str], forced_status: Status | None = None
     ) -> SingleCase:
         """Integrate with ``steps`` (segments,); return the result with its history and ``notes``.
+        A case that fails is integrated once more, in at least about a step for each row of the
+        history, unless the file gives the step: the step that fails has no rows.
 
         With a ``forced_status`` the result has that status and NaN outcomes, but its audit columns
         stay. Without one, _RejectedError is raised if the kernel rejects the case.
