@@ -25,7 +25,7 @@ def raised(confidence: float, looks: int) -> float:
 
 def binomial_cdf(k: int, n: int, p: float) -> float:
     """Return BinCDF(k; n, p), the probability of at most k successes in n trials, each of which
-    succeeds with probability p."""
+    succeeds with probability p; ``k`` must be at least -1, for which it is 0."""
     from scipy.special import betainc  # noqa: PLC0415  (0.6 s, which most runs do not need)
 
     return 1.0 if k >= n else float(betainc(n - k, k + 1.0, 1.0 - p))

@@ -186,7 +186,8 @@ def _test_text(test: ChiSquareTest) -> str:
 def _check(estimation: Estimation) -> list[str]:
     """Return the check of the model against the measurements as lines of text: one line with three
     chi-square tests (residuals by time, parameters, all residuals), then one that the model
-    explains the measurements, or a line for each way in which it falls short."""
+    explains the measurements, or a line for each of the first two tests that fails. If the last
+    test fails and the first does not, one more line says that residuals scatter too much."""
     check = estimation.check
     lines = [
         f"model check: residuals by time {_test_text(check.blocks)}; parameters against their "

@@ -413,10 +413,10 @@ class _Pages:
         """Add the values of a printed line to the table below its titles. ``cells`` are pairs
         (text, column of its middle), the first of which is alpha.
 
-        If there are as many cells as titles, they belong together in order; else a value belongs to
-        the title whose column is nearest. Values that are not printed (NDM, NA, ***) and those
-        below a title that is not in `_TITLES` are left out, and so is a line without a printed
-        alpha.
+        If there are as many cells as titles, alpha included, they belong together in order; else a
+        value belongs to the title whose column is nearest. Values that are not printed (NDM, NA,
+        ***) and those below a title that is not in `_TITLES` are left out, and so is a line without
+        a printed alpha.
         """
         if self.table is None:
             self.table = self._new_table()

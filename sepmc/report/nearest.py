@@ -50,7 +50,8 @@ class PlacedPart:
 
 def placed_part(part: Part, cg: Vector) -> PlacedPart:
     """Return a part of an outline in body axes from the centre of mass; the part and the centre of
-    mass ``cg`` are given in layout coordinates: station (measured aft), y (up) and z (right), m."""
+    mass ``cg`` are given in layout coordinates: station (measured aft), y (up) and z (right), m.
+    All points of a part stay together in one placed part."""
     points = (np.array(part.points).reshape(-1, 3) - cg) * [-1.0, 1.0, 1.0]
     front, aft = part.stations or (0.0, 0.0)
     y, z = part.offset[0] - cg[1], part.offset[1] - cg[2]

@@ -50,7 +50,8 @@ def _recurred(a, x, b, previous):
 
 @formula
 def _size_at(x, w, c):
-    """Return the magnitude at ``x``, from -1 to 1 over the step."""
+    """Return the magnitude, at ``x`` from -1 to 1 over the step, of the vector whose Chebyshev
+    coefficients are at w[c], by Clenshaw's recurrence."""
     b, previous = get3(w, c + 3 * (COUNT - 1) * LANES), _NOTHING
     for j in _DOWNWARD:
         b, previous = _recurred(get3(w, c + 3 * j * LANES), x, b, previous), b
@@ -60,7 +61,7 @@ def _size_at(x, w, c):
 @formula
 def _slope_at(x, w, c):
     """Return the first and the second derivative, by x, of half the square of the magnitude at
-    ``x``, from -1 to 1 over the step, by Clenshaw's recurrence and its derivatives."""
+    ``x`` (`_size_at`), by Clenshaw's recurrence and its derivatives."""
     b, previous = get3(w, c + 3 * (COUNT - 1) * LANES), _NOTHING
     slope, last_slope, bend, last_bend = _NOTHING, _NOTHING, _NOTHING, _NOTHING
     for j in _DOWNWARD:

@@ -568,7 +568,8 @@ def signals_of(s: State) -> Signals:
 
 def number(s: State, path: str, slot: int) -> Any:
     """Value, SI, of the parameter at a path such as ``motor.main.thrust``: that of the signal that
-    gives it, if any, else the parameter of the case with the index ``slot``."""
+    gives it, if any, converted from the unit of the key, else the parameter of the case with the
+    index ``slot``."""
     drive = s.spec.scene.driven.get(path)
     if drive is None:
         return s.case.number(slot)
