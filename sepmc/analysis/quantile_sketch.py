@@ -94,8 +94,8 @@ class QuantileSketch:
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
         """Return the percentiles of the values at ``percents`` (0 to 100), linear between sorted
-        values as `numpy.percentile`; NaN without values. They are estimates once the values are
-        counted in bins."""
+        values as `numpy.percentile`; NaN without values. Values counted in bins are estimated as
+        by `ranked`."""
         if self._grid is None:
             x = self._buffer[: self._filled]
             with np.errstate(invalid="ignore"):  # NaN between two infinities

@@ -1,5 +1,5 @@
-"""Work of kernels that run as plain Python, counted in executed lines of code. This count is the
-same on every machine, and so are decisions based on it."""
+"""Work of kernels that run as plain Python, counted in lines of code: of each call of a function
+all its lines. This count is the same on every machine, and so are decisions based on it."""
 
 import contextlib
 import math
@@ -29,12 +29,12 @@ SEARCHES = tuple(
 
 
 class WorkLimitError(Exception):
-    """A kernel that runs as plain Python has executed more lines than `Work.limit`."""
+    """A kernel that runs as plain Python has called functions of more lines than `Work.limit`."""
 
 
 @dataclass
 class Work:
-    """Counter of the lines that kernels have executed, with a limit for plain Python.
+    """Counter of the lines of the functions that kernels call, with a limit for plain Python.
 
     Attributes
     ----------

@@ -2,7 +2,8 @@
 and its dispersions to write a kernel. Bodies, joints and other items have their generated names.
 
 It describes structure (segments of time, rigid groups, constraint rows, events, outputs), not
-values of parameters: scenes with equal structure share one compiled kernel.
+values of parameters: scenes with equal structure share one compiled kernel. Bodies of a rigid
+group rotate together, but may slide on each other.
 """
 
 from dataclasses import dataclass, field
