@@ -51,7 +51,8 @@ def switch(name: str) -> str:
 
 def setting(path: str, value: object) -> str:
     """Return, as text for a message, how to set a key of a campaign, given by its ``path`` in the
-    file: ``--set run.cases=100`` or ``settings {"run.cases": 100}``."""
+    file: ``--set run.cases=100`` or ``settings {"run.cases": 100}``. The text of ``value`` is
+    inserted as it is, without quotes."""
     return option("set", f"{path}={value}") if _commands else f'settings {{"{path}": {value}}}'
 
 

@@ -175,7 +175,7 @@ def render_counts(counts: Mapping[str, int], width: int) -> str:
 
 def _are_proportions(stats: pd.DataFrame) -> np.ndarray:
     """Return the mask (n_outcomes,) of the rows of a table of `statistics` that are yes-or-no
-    outcomes."""
+    outcomes, by their names."""
     return stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
 
 

@@ -73,9 +73,10 @@ def _histories(
     result: "Result", channels: Mapping[str, Channel], cases: int, announce: Log
 ) -> Histories:
     """Return histories of ok cases, and of the nominal case, in the columns that ``channels`` has
-    data of: those stored by the run if it has all these columns, else those of the first ``cases``
-    ok cases, simulated again. ``announce`` receives a message that says which. Raises InputError if
-    no case is ok."""
+    data of. Those of the ok cases are the ones stored by the run if it has all these columns, else
+    the first ``cases`` ok cases are simulated again. The nominal case is always simulated.
+    ``announce`` receives a message that says where the histories are from. Raises InputError if no
+    case is ok."""
     campaign, rows, names = result.campaign, result.table, tuple(channels)
     numbers = np.sort(np.asarray(rows["case"])[ok_rows(rows)])
     if not len(numbers):

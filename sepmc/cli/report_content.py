@@ -238,7 +238,8 @@ def sizing_table(folder: Path) -> list[page.PlainTable]:
 
 def tables_beside(folder: Path) -> list[page.PlainTable]:
     """Return the tables of scenarios and of limit cases that `sepmc scenarios` wrote beside a run
-    folder; none unless the folder is that of the campaign itself, ``baseline``."""
+    folder; none unless the folder is that of the campaign itself, ``baseline``. A file that does
+    not exist is left out."""
     if folder.resolve().name != BASELINE:
         return []
     tables = []

@@ -484,8 +484,8 @@ _interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
     """Context in which kernels are loaded as plain Python if ``wanted`` is true, else as compiled
-    code (unless NUMBA_DISABLE_JIT is set). In plain Python nothing is compiled, but a case takes
-    milliseconds, not microseconds."""
+    code (unless NUMBA_DISABLE_JIT is set); other Python threads are not affected. In plain Python
+    nothing is compiled, but a case takes milliseconds, not microseconds."""
     before = _interpreting.set(wanted)
     try:
         yield

@@ -236,8 +236,9 @@ def _attitude(
     axes (forward, up, right) to the frame of the trajectory, the angular rate (3,) relative to this
     frame in body axes, rad/s (constant between two rows, 0 if there is only one), and sentences.
     ``attitude`` is the option of `read_initial`, a table with ``file``, an AEM, and ``axes``, the
-    directions of its body axes; ``text`` is the epoch for messages. Raises FormatError if the
-    option or the file is not valid, or no segment encloses the epoch."""
+    directions of its body axes; ``frame`` names the frame of the trajectory, and ``text`` is the
+    epoch for messages. Raises FormatError if the option or the file is not valid, no segment
+    encloses the epoch, or the file's attitude is relative to another frame."""
     if not isinstance(attitude, dict) or not isinstance(attitude.get("file"), str):
         raise FormatError('the attitude must be a table: { file = "NAME.aem", axes = "..." }')
     if unknown := [key for key in attitude if key not in ("file", "axes")]:

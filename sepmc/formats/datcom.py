@@ -33,8 +33,8 @@ _SIDESLIP = 30.0  # deg, to which slopes by beta are continued
 
 
 def is_datcom(path: Path) -> bool:
-    """True if a file, by its ending and text, looks like an output of DATCOM. Raises FormatError if
-    it cannot be read."""
+    """True if a file ends in .dat, .out or .txt and its text looks like an output of DATCOM. Files
+    with other endings are not read. Raises FormatError if the file cannot be read."""
     if path.suffix.lower() not in (".dat", ".out", ".txt"):
         return False
     text = read_text(path)

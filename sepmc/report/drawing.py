@@ -144,7 +144,7 @@ def _boxes_along(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 def _overlap(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return the area (n, m) that each of the ``boxes`` (n, 4) has in common with each of the
-    ``others`` (m, 4)."""
+    ``others`` (m, 4). Boxes are given as by `_boxes_around`: lower left and upper right corner."""
     low = np.maximum(boxes[:, None, :2], others[:, :2])
     high = np.minimum(boxes[:, None, 2:], others[:, 2:])
     return np.prod(np.maximum(high - low, 0.0), axis=2)

@@ -276,8 +276,8 @@ def _capable_variant(
 
 
 def _initial_steps(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
-    """Number of steps and duration (infinite: unknown) of each segment of a kernel, two arrays
-    (segments,), for a first integration."""
+    """Number of steps and duration of each segment of a kernel, two arrays (segments,), for a first
+    integration: the same number for all segments, and infinite durations, which means unknown."""
     return np.full(kernel.n_segments, SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 

@@ -81,8 +81,9 @@ def _wind_notes(profile: WindProfile) -> list[str]:
 
 
 def _air_columns(air: AirProfile) -> Iterator[tuple[str, Array]]:
-    """Yield name and values (rows,) of each column of a table of the air that is interpolated over
-    height: the logarithm of the density, and the speed of sound if given."""
+    """Yield the path in the file, for messages, and the values (rows,) of each column of a table of
+    the air that is interpolated over height: the logarithm of the density, and the speed of sound
+    if given."""
     yield "environment.air.density (logarithm)", np.log(air.density)
     if air.speed_of_sound:
         yield "environment.air.speed_of_sound", np.array(air.speed_of_sound)

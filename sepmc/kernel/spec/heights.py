@@ -128,7 +128,8 @@ def _pushed(scenes: Sequence[Scene]) -> float:
 def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], float]]]:
     """Yield a pair for each motor and load, and two for each spring: the name of the loaded body,
     and a function that maps the accelerated mass, kg, to a bound on the speed gained, m/s, with
-    the worst parameters of all ``scenes``."""
+    the worst parameters of all ``scenes``. The bound of a motor and a load is by its impulse, that
+    of a spring by its impulse or its work (`_by_spring`)."""
     end = scenes[0].run.end_time
     for motors in zip(*(s.motor for s in scenes), strict=True):
         burns = max(m.burn for m in motors) + max(m.tail_off for m in motors)
