@@ -394,7 +394,8 @@ def audit(
 
 
 def audit_table(summaries: Mapping[str, AuditSummary]) -> pd.DataFrame:
-    """Build the table of `audit` from the summary of each audit column, by name."""
+    """Build the table that `audit` returns, with the columns ``worst``, ``case``, ``bound`` and
+    ``beyond`` (number of cases), from the summary of each audit column, by name."""
     rows = {name: [one.worst, one.case, one.bound, one.beyond] for name, one in summaries.items()}
     return pd.DataFrame.from_dict(
         rows, orient="index", columns=["worst", "case", "bound", "beyond"]

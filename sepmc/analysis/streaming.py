@@ -84,8 +84,9 @@ class _BlockCounters:
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
         """Add one block of n cases, n at most `ACCUMULATION_BLOCK`: their numbers (n,), status
         codes (n,), and ``columns`` (k, n), whose rows are the outcomes (NaN where a case has none)
-        and then the audit columns. Only the ok cases enter moments, sketches, margins and
-        audits."""
+        and then the audit columns. All cases enter the counts by status and those of the
+        requirements, and numbers of failed cases are noted; only the ok cases enter moments,
+        sketches, margins and audits."""
         counts = np.bincount(codes, minlength=len(self.by_code))
         self.by_code += counts
         ok: slice | np.ndarray = slice(None)

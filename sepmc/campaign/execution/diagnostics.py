@@ -351,7 +351,8 @@ def unconverged_notes(count: int, n_refined: int) -> list[str]:
 
 def reversed_joints(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
     """Notes on joints whose bodies end on the wrong side of each other: at a separation distance
-    below minus 0.1 % of the vehicle length. Hinges are left out.
+    below minus 0.1 % of the vehicle length. Hinges are left out: joints that in some phase may turn
+    but not move along their x axis, and rods (`_is_hinge`).
 
     Parameters
     ----------

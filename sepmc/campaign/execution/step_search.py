@@ -249,7 +249,8 @@ class Search:
         )
 
     def error(self, steps: np.ndarray) -> float:
-        """Largest of `_errors` at ``steps`` (segments,) over the decisive outcomes."""
+        """Largest relative error at ``steps`` (segments,) against the reference, over the decisive
+        outcomes of the cases valid in both; infinite if these are too few (`_compare`)."""
         return float(self._errors(steps)[self.is_decisive].max(initial=0.0))
 
     def _reduce_each(self, steps: np.ndarray) -> np.ndarray:
