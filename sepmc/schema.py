@@ -557,8 +557,9 @@ def _event_columns(contents: Contents, event: str) -> list[Column]:
 
 
 def _distance_columns(contents: Contents) -> list[Column]:
-    """Return a column for each clearance: the distance of its outlines at a time. Histories have
-    these columns as they are; those of an event have the event's name before theirs."""
+    """Return a column ``NAME_clearance_mm`` for each clearance: the distance of its outlines at a
+    time. Histories have these columns as they are; those of an event have the event's name before
+    theirs."""
     meaning = "distance of {0}; NaN before it counts, or while no rim is within a shell"
     return [
         Column(f"{name}_clearance_mm", "mm", meaning.format(name), 1000.0)

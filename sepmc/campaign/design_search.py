@@ -218,7 +218,7 @@ class DesignSearch:
 
     def _table(self, fraction: float) -> pd.DataFrame:
         """Return the table of all designs run with this ``fraction``, a factor on the number of
-        accepted violations."""
+        accepted violations: in the order in which they were run, with the columns of `_run`."""
         return pd.concat(self._searched[fraction], ignore_index=True)
 
     def _design(self, table: pd.DataFrame, row: Any) -> dict[str, float]:

@@ -27,9 +27,10 @@ def show_forecast(
     stats_only: bool,
     compile_command: Sequence[str],
 ) -> None:
-    """Print a forecast of a run of a campaign into a folder (columns of a row, disk, memory, time),
-    and write nothing. The time is measured on a few cases; if the kernel is not compiled yet, the
-    command that compiles it, ``compile_command`` by words, is printed in place of the time.
+    """Print a forecast of a run of a campaign into a folder (columns of a row, disk, memory, time).
+    The time is measured on a few cases, for which steps are selected and stored in the cache; if
+    the kernel is not compiled yet, the command that compiles it, ``compile_command`` by words, is
+    printed in place of the time. ``folder`` is only printed: nothing is written into it.
 
     ``cases`` is a number of cases or a selection of case numbers; None, and None for ``seed``, are
     the values of the campaign. With ``stats_only`` the run would store no rows.

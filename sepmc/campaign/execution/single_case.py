@@ -239,7 +239,9 @@ class _SingleRun:
 
     def run(self) -> SingleCase:
         """Simulate the case, and return its result with history and errors. Steps are added until
-        the accuracy is reached or, if the file gives ``solver.step_s``, have that length. Raises
+        the accuracy is reached. If the file gives ``solver.step_s``, steps have that length, and
+        another integration gives the durations of segments and the errors; there are no errors if
+        either of the two does not reach the end. Raises
         _RejectedError if the kernel rejects it, UnknownError if it takes too long and must not be
         compiled."""
         scene, steps = self.layout.scene, np.ones(self.kernel.n_segments, dtype=np.int64)

@@ -198,8 +198,9 @@ def reset_guides(c: Context) -> None:
 def update_guides(text: Text, c: Context, segment: Segment) -> None:
     """Append lines, within a loop over lanes, that update the field GUIDES by the step just made in
     a segment, in lanes in which the pins may slide: the time for which they slide, the peak load of
-    each end of a pin, and the minimum ratio of driving force to pin load. They read the length of
-    the step, s, from the variable ``h``."""
+    each end of a pin, and the minimum ratio of driving force to pin load. Peaks and minimum are
+    those within the step, from the loads stored at its nodes (WRENCHES). The lines read the length
+    of the step, s, from the variable ``h``."""
     for joint, first, time, peaks in c.guide_fields:
         sliding = segment.sliding_kinds(joint)
         if not sliding:
