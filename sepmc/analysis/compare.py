@@ -240,7 +240,8 @@ def compare(
 
 
 def _mean_difference(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
-    """Return the mean of ``b`` minus that of ``a`` and both ends of its 95 % interval.
+    """Return the mean of ``b`` minus that of ``a`` and both ends of its 95 % interval, by
+    Student's t (Welch's if not paired).
 
     ``a`` and ``b`` are values of an outcome in two runs; if ``paired``, equal indices are a pair.
     All three results are NaN if either has fewer than two values.

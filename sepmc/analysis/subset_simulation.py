@@ -302,7 +302,9 @@ def _depth(n_cases: int, trial_cases: int) -> int:
 
 def estimate_warnings(estimate: Estimate) -> list[str]:
     """Return the warnings on an estimate, a sentence each; an empty list if nothing suggests that
-    the estimate or its interval is wrong."""
+    the estimate or its interval is wrong. They are on trial chains that did not reach violating
+    cases, replicas that disagree, violating cases that descend from too few, and chains that hardly
+    move."""
     warnings, low, high = [], float(estimate.known.min()), float(estimate.known.max())
     if not estimate.reached:
         threshold = estimate.levels[-2].threshold if len(estimate.levels) > 1 else math.inf

@@ -423,9 +423,9 @@ class _Curves:
         cls, values: np.ndarray, scale: float, noise: float, step: float, is_angle: bool
     ) -> "_Curves":
         """Build the curves from histories (n, t), the ``scale`` and the ``noise`` sigma, all in the
-        unit of the channel, and the ``step`` of the time grid, s. ``is_angle`` is true for an
-        angle: full turns do not count in its differences (`differences`); its values stay as
-        they are."""
+        unit of the channel, and the ``step`` of the time grid, s. Where a history bends from row to
+        row by more than the noise, it gets a smaller weight. ``is_angle`` is true for an angle:
+        full turns do not count in its differences (`differences`); its values stay as they are."""
         scaled = values / scale
         bend = np.zeros_like(scaled)
         bend[:, 1:-1] = np.abs(np.diff(scaled, 2, axis=1))

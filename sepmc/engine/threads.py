@@ -136,7 +136,8 @@ def use_threads(count: int | None) -> int:
 def using_threads(count: int | None) -> Iterator[int]:
     """Context in which compiled code runs on ``count`` threads; None, or more than `max_threads`:
     on all. It yields the number in use, 1 in a forked process. The former number is restored at
-    its end. Raises InputError as `in_use`."""
+    its end. ``count`` is not checked; InputError is raised if Numba's threading layer is unknown or
+    not installed (`in_use`)."""
     before = in_use()
     try:
         yield use_threads(count)

@@ -360,8 +360,9 @@ def _common_alphas(blocks: list[Block]) -> tuple[list[float], list[float]]:
 
 
 def _row(block: Block, title: str, alphas: list[float]) -> np.ndarray | None:
-    """Values (n,) of a block's title at the angles ``alphas``, slopes converted to per rad; a
-    derivative that is printed for one alpha only is used for all. None if values are missing."""
+    """Values (n,) of a title, which the block must have, at the angles ``alphas``, slopes converted
+    to per rad; a derivative that is printed for one alpha only is used for all. None if values are
+    missing."""
     column = block.values[title]
     factor = 180.0 / math.pi if title in block.per_degree else 1.0
     given = [column[a] for a in alphas if a in column]

@@ -79,6 +79,7 @@ def mated(scene: Scene) -> MassProperties:
     Returns
     -------
     MassProperties
+        with the common mass centre in the layout, and the inertia about it in body axes
     """
     parts = [of_body(body) for body in scene.body.values()]
     mass = sum(part.mass for part in parts)

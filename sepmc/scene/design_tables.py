@@ -204,8 +204,9 @@ def check_subject_to(chosen: Sequence[str], requirements: Sequence[Requirement])
 
 def named_parameters(tree: Mapping[str, Any], scene: Scene, key: str) -> Iterator[Parameter]:
     """Yield the parameters of a scene that ``key`` means, a TOML path with unit in which ``*``
-    stands for any characters of a name. Names are those in ``tree``, the TOML tree of the campaign.
-    Raises UnknownPath, with the path in its message, if there are none or one is wrong."""
+    stands for any characters of a name, but not for dots. Names are those in ``tree``, the TOML
+    tree of the campaign. Raises UnknownPath, with the path in its message, if there are none or one
+    is wrong."""
     keys = matching_keys(dict(tree), key)
     if not keys:
         raise UnknownPath(f"{key}: no table has such a name")

@@ -62,7 +62,7 @@ class Dispersion:
     @property
     def support(self) -> tuple[float, float]:
         """Smallest and largest possible value, in the unit of the key; infinite for a normal
-        distribution without truncation."""
+        distribution without truncation whose sigma is not 0."""
         if self.distribution == "normal":
             mean, sigma, cut = self.numbers
             reach = sigma * cut if sigma > 0.0 else 0.0

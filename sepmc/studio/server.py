@@ -82,7 +82,7 @@ class Server(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Address of the page, with the token."""
+        """Address of the page, ``http://HOST:PORT/TOKEN/``."""
         return f"http://{self.hosts[0]}/{self.token}/"
 
 

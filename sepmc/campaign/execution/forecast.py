@@ -125,7 +125,8 @@ def _nearest_existing(folder: Path) -> Path:
 
 
 def size_text(count: float) -> str:
-    """Number of bytes as text, with the unit B, kB, MB or GB (powers of 1000)."""
+    """Number of bytes as text, in B, kB, MB or GB (powers of 1000): a whole number, in GB with one
+    decimal."""
     for unit in ("B", "kB", "MB"):
         if count < 1000:
             return f"{count:.0f} {unit}"

@@ -240,10 +240,9 @@ class _SingleRun:
     def run(self) -> SingleCase:
         """Simulate the case, and return its result with history and errors. Steps are added until
         the accuracy is reached. If the file gives ``solver.step_s``, steps have that length, and
-        another integration gives the durations of segments and the errors; there are no errors if
-        either of the two does not reach the end. Raises
-        _RejectedError if the kernel rejects it, UnknownError if it takes too long and must not be
-        compiled."""
+        finer integrations give the durations of segments and the errors; there are no errors if
+        one of them does not reach the end. Raises _RejectedError if the kernel rejects the case,
+        UnknownError if it takes too long and must not be compiled."""
         scene, steps = self.layout.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._converged_steps(steps)

@@ -241,8 +241,8 @@ def emit_clearance_at(text: Text, s: State, i: int, active: str, destination: st
 
 
 def is_active_at_start(c: Context, i: int) -> bool:
-    """True if clearance number ``i``, from 0, is measured from the start of a case, not only after
-    the release of a joint."""
+    """True if clearance number ``i``, from 0, is measured from the start of a case: it waits for no
+    release of a joint, or that joint is free from the start."""
     after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
     return after is None or min(first.joint_kinds[after]) in first.free_kinds(after)
 

@@ -108,7 +108,7 @@ class State:
 
     def velocity(self, body: str) -> Any:
         """Velocity of the mass centre of a body, ground axes, m/s, in a frame that moves with the
-        initial velocity of the vehicle."""
+        initial velocity of the vehicle: a part of the state, or for GROUND minus that velocity."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
         return self.scope.load(f"{self.field} + V_{body}", 3).called(f"v_{body}")
