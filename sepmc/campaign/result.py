@@ -400,7 +400,8 @@ class Result:
 
     @property
     def _finished(self) -> CaseSelection:
-        """Cases that were run: fewer than requested if the run ended early (``stopped``)."""
+        """Cases that were run: those requested or, if the run ended early (``stopped``), those of
+        the stored rows; without rows, as many of the lowest numbers as cases are counted."""
         if not self.stopped:
             return self.numbers
         if self.kept.rows is not None:

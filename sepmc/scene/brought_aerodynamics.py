@@ -172,7 +172,7 @@ def _mirror(key_path: str, table: dict[str, Any], mirror: Any, problems: Problem
 
 def _single_rows(key_path: str, table: dict[str, Any]) -> list[str]:
     """Return a sentence for each of the axes mach, alpha, beta with a single row, on which the
-    table does not depend."""
+    table does not depend. The table is not changed."""
     understood = []
     for key, rows in table.items():
         name = split_unit(key)[0]

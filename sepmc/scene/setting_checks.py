@@ -78,8 +78,9 @@ def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
 
 
 def split_units(keys: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Strip the units from the keys of a TOML path. Returns the stems, equal for one number in any
-    unit, and the last unit suffix, empty if there is none."""
+    """Strip the units from the keys of a TOML path; names of items, such as those of bodies, stay as
+    they are. Returns the stems, equal for one number in any unit, and the last unit suffix, without
+    its underscore, empty if there is none."""
     names, last = [], ""
     for table, key in zip(["", *keys], keys, strict=False):
         name, unit = (key, "") if table in (*NAMES, *_ARRAYS) else split_unit(key)

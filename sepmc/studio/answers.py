@@ -185,8 +185,8 @@ class Studio:
         }
 
     def replay(self, question: Question) -> list[dict[str, Any]]:
-        """Simulate the nominal case and ``question.case`` in the second process; return what
-        `replays_of` returns."""
+        """Simulate the nominal case and ``question.case`` in the second process; return their replay
+        data in this order, without a case that has no history (`replays_of`)."""
         campaign = self._changed(question)[0]
         work = self._second.submit(
             replays_of, campaign, question.case, question.seed, min(question.cases, MAX_CASES)

@@ -245,7 +245,8 @@ def emit_correct(out: Text, c: Context, segment: Segment) -> None:
 def _project(s: State, rows: Rows, factors: Solver) -> None:
     """Add lines to the scope of a state that project it onto the constraints ``rows``: positions
     and attitudes by one Newton step, weighted by mass, velocities and angular rates by another.
-    ``factors`` solves systems with the coupling matrix of the rows."""
+    Both steps start from the residuals of the state as it was; ``factors`` solves systems with the
+    coupling matrix of the rows there."""
     position_change, rotation = rows.act(factors.solve([-one.value for one in rows.rows]))
     velocity_change, rate_change = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.spec.bodies:
