@@ -130,9 +130,10 @@ def render_summary(
 
 
 def tail_note(stats: pd.DataFrame) -> str:
-    """Return a sentence on where the extreme percentiles of outcomes with fewer than 741 values
-    lie; empty if all outcomes that vary have at least 741, or none. ``stats`` is a table of
-    `statistics`; only with the column ``constant`` does it say which do not vary."""
+    """Return a sentence, which names no outcome, that the extreme percentiles of fewer than 741
+    values lie between the two extreme values; empty if all outcomes that vary have at least 741, or
+    none. ``stats`` is a table of `statistics`; only with the column ``constant`` does it say which
+    do not vary."""
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
     if not varied["n"].between(1, _TAIL_CASES - 1).any():
         return ""

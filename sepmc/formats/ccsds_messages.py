@@ -53,7 +53,8 @@ def seconds_of(text: str) -> float | None:
     Parameters
     ----------
     text : str
-        ``2026-03-01T12:00:41.5``, or with the day of the year ``2026-060T12:00:41.5``.
+        ``2026-03-01T12:00:41.5``, or with the day of the year ``2026-060T12:00:41.5``; a Z may
+        follow. Hour 24 and second 60 (a leap second) are allowed.
 
     Returns
     -------

@@ -78,8 +78,8 @@ def _matches(node: Any, keys: Sequence[str]) -> Iterator[list[str]]:
 
 
 def split_units(keys: Sequence[str]) -> tuple[tuple[str, ...], str]:
-    """Strip the units from the keys of a TOML path; names of items, such as those of bodies, stay as
-    they are. Returns the stems, equal for one number in any unit, and the last unit suffix, without
+    """Strip the units from the keys of a TOML path; names of items, such as bodies, stay as they
+    are. Returns the stems, equal for one number in any unit, and the last unit suffix, without
     its underscore, empty if there is none."""
     names, last = [], ""
     for table, key in zip(["", *keys], keys, strict=False):

@@ -15,9 +15,10 @@ _MAY_BE_ZERO = "the axis may be zero: narrow the distributions"
 
 
 def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Problems) -> None:
-    """Add a problem for each axis that ``dispersions`` can make zero, each joint whose two axes they
-    can make parallel, and each shell or sector that they can give no length, or no angle or more
-    than a full turn. A normal distribution without truncation is taken to reach 3 sigma."""
+    """Add a problem for each axis that ``dispersions`` can make zero, each joint whose two axes
+    they can make parallel, each shell or sector that they can give no length, and each sector that
+    they can give no angle, or more than a full turn. A normal distribution without truncation is
+    taken to reach 3 sigma."""
     ranges: Ranges = {}
     for one in dispersions:
         low, high = (bound * one.parameter.factor for bound in one.reach)

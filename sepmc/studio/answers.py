@@ -185,8 +185,8 @@ class Studio:
         }
 
     def replay(self, question: Question) -> list[dict[str, Any]]:
-        """Simulate the nominal case and ``question.case`` in the second process; return their replay
-        data in this order, without a case that has no history (`replays_of`)."""
+        """Simulate the nominal case and ``question.case`` in the second process; return their
+        replay data in this order, without a case that has no history (`replays_of`)."""
         campaign = self._changed(question)[0]
         work = self._second.submit(
             replays_of, campaign, question.case, question.seed, min(question.cases, MAX_CASES)
@@ -219,7 +219,7 @@ class Studio:
 
     def _changed(self, question: Question) -> tuple["Campaign", dict[str, Any], list[str]]:
         """Return the campaign with the settings of the sliders, these settings by TOML path, and
-        warnings about them."""
+        warnings about them. Raises InputError if a key or value is not allowed."""
         with self._running:  # warnings are caught by one thread at a time
             return moved_campaign(self.campaign, question.values, question.spreads)
 

@@ -91,8 +91,8 @@ class FlightLog:
 
     def add(self, margin: np.ndarray, rows: np.ndarray, summary: BatchSummary) -> None:
         """Append a completed batch to the log: margins (n,), below 0 for a violation, and rows
-        (n, k) of inputs, status and results. ``summary`` is of all cases so far. Batches are collected in memory and written every
-        ten seconds, or earlier if they are large."""
+        (n, k) of inputs, status and results. ``summary`` is of all cases so far. Batches are
+        collected in memory and written every ten seconds, or earlier if they are large."""
         self._pending.append((margin, rows))
         self.summary = summary
         n_numbers = sum(rows.size for _, rows in self._pending)

@@ -161,7 +161,8 @@ def _emit_job(
 
 
 def _pairs(c: Context, i: int) -> int:
-    """Number of pairs of outline parts of clearance number ``i``."""
+    """Number of pairs of outline parts of clearance number ``i``: all its parts of one body times
+    all of the other. Like `_part_runs`, adds workspace fields of outlines."""
     return math.prod(sum(run.parts for run in _part_runs(c, i, side)) for side in range(2))
 
 
@@ -193,7 +194,8 @@ class _Run(NamedTuple):
 def _part_runs(c: Context, i: int, side: int) -> list[_Run]:
     """Runs of consecutive outline parts that clearance number ``i`` includes of its first
     (``side`` 0) or second (1) body. A search follows each pair of a run of the first body and one
-    of the second. An outline that varies from case to case gets its workspace field here."""
+    of the second. If parameters of the body's outline vary from case to case, its workspace field
+    OUTLINE_BODY is added."""
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     entry, runs = c.spec.scene.clearance[i], []
     body = entry.bodies[side]
