@@ -135,8 +135,8 @@ class Moments:
 
     def restore(self, arrays: Arrays) -> None:
         """Replace what was accumulated by the array of `state`, the next one of the iterator
-        ``arrays``. Raises ValueError as `set_scalars`, and StopIteration if there is no array
-        left."""
+        ``arrays``. Raises ValueError if it has another length or no number where a count is
+        expected (`set_scalars`), and StopIteration if there is no array left."""
         set_scalars(self, next(arrays))
 
     def row(self) -> dict[str, float]:

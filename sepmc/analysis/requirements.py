@@ -121,9 +121,9 @@ class RequirementCounter:
 
     def restore(self, arrays: Arrays) -> None:
         """Replace what was accumulated by the arrays of `state`, which are taken from the iterator
-        ``arrays`` in that order. Raises ValueError as `set_scalars` or if the worst case is no
-        number, OverflowError if that is infinite, and StopIteration if there are too few
-        arrays."""
+        ``arrays`` in that order. Raises ValueError if the first has another length or no number
+        where a count is expected (`set_scalars`), or the worst case is no number, OverflowError if
+        that is infinite, and StopIteration if there are too few arrays."""
         set_scalars(self, next(arrays))
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)

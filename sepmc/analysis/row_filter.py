@@ -111,7 +111,7 @@ def _meets(
 ) -> np.ndarray:
     """Return the mask (n,) of cases that satisfy the comparison ``term`` in at least one of the
     columns that its name matches; ``text`` is the whole term that it is an alternative of, for
-    messages. Raises InputError as `_read`."""
+    messages. Raises InputError if ``term`` cannot be parsed or matches no column."""
     names, test, number = _read(columns, term, text)
     return np.any([_TESTS[test](column(rows, name), number) for name in names], axis=0)
 

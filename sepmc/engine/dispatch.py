@@ -461,7 +461,8 @@ def thread_notes(threads: int | None) -> list[str]:
 
 def use_threads(threads: int | None) -> None:
     """Make compiled code that this Python thread calls run on ``threads`` threads from now on;
-    None: on all. Raises InputError as `check_threads` for the threading layer."""
+    None, or more than there are: on all. ``threads`` is not checked; InputError is raised if
+    Numba's threading layer is unknown or not installed."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     pool.use_threads(threads)
@@ -470,7 +471,8 @@ def use_threads(threads: int | None) -> None:
 @contextlib.contextmanager
 def using_threads(threads: int | None) -> Iterator[None]:
     """Context in which compiled code runs on ``threads`` threads (1 or more; None: on all); the
-    former number is restored at its end. Raises InputError as `use_threads`."""
+    former number is restored at its end. Raises InputError if Numba's threading layer is unknown or
+    not installed."""
     from sepmc.engine import threads as pool  # noqa: PLC0415
 
     with pool.using_threads(threads):

@@ -195,7 +195,8 @@ def _turn_signs(
     the scale that the campaign gives, ``variables`` the definitions by varID. ``convention`` is
     that of the campaign: with "datcom" the side force is turned later, so one whose sign the file
     states is made positive to the right here; one whose sign it does not state is taken as positive
-    to the right. Raises FormatError as `sign_of`."""
+    to the right. Raises FormatError if a variable is in wind or stability axes, and its coefficient
+    in body axes."""
     turned, assumed = [], []
     for key, (variable, scale) in coefficients.items():
         if key not in (*COEFFICIENTS, *DERIVATIVES, "lift", "drag"):

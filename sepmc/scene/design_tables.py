@@ -145,7 +145,8 @@ def parse_range(text: str, name: str, form: str, counts: int = 0) -> tuple[str, 
 
 def parse_axis(text: str, name: str) -> MapAxis:
     """Parse the axis of a map, ``KEY=LOW:HIGH:COUNT``; ``name`` is that of the option or key, for
-    messages. Raises InputError as `parse_range`, or if COUNT is not 2 to 1000."""
+    messages. KEY is not looked up. Raises InputError if the text has another form, LOW is not below
+    HIGH, one of them is not finite, or COUNT is not 2 to 1000."""
     form = f"KEY=LOW:HIGH:COUNT, as {_AXIS_EXAMPLE}"
     key, (low, high, count) = parse_range(text, name, form, counts=1)
     if not 2 <= count <= _MAX_POINTS:
@@ -157,7 +158,8 @@ def parse_axis(text: str, name: str) -> MapAxis:
 
 def parse_variable(text: str, name: str = "--vary") -> Variable:
     """Parse a design variable, ``NAME=KEY=LOW:HIGH``; ``name`` is that of the option or key, for
-    messages. Raises InputError as `parse_range`, or if NAME is no identifier."""
+    messages. KEY is not looked up. Raises InputError if the text has another form, LOW is not below
+    HIGH, one of them is not finite, or NAME is no identifier."""
     form = f"NAME=KEY=LOW:HIGH, as {_VARIABLE_EXAMPLE}"
     both, (low, high) = parse_range(text, name, form)
     own, _, key = (part.strip() for part in both.partition("="))

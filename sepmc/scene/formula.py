@@ -266,7 +266,8 @@ def _function(name: str, arguments: tuple[Node, ...]) -> Node:
 
 def _joined(function: str, conditions: tuple[Node, ...]) -> Node:
     """Node that joins two or more conditions by "and" or "or" (``function``), as nested calls from
-    left to right; a single condition is returned as it is. Raises FormulaError as `_call`."""
+    left to right; a single condition is returned as it is. Raises FormulaError if one of several is
+    a number, not a condition."""
     result, *others = conditions
     for other in others:
         result = _call(function, (result, other))

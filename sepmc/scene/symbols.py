@@ -170,7 +170,8 @@ class Symbol:
 
 def _applied(function: str, *inputs: Any) -> Symbol:
     """Symbol of the result of a formula function or operator (by its name in formulas) applied to
-    symbols and numbers. Raises FormulaError as `apply`."""
+    symbols and numbers. Raises FormulaError if the function does not take this number or type of
+    inputs, or the value is undefined or too large (`apply`)."""
     return Symbol(apply(function, tuple(map(_node, inputs))))
 
 

@@ -195,8 +195,9 @@ class Studio:
 
     def map(self, question: Question) -> dict[str, Any]:
         """Judge designs on a grid over the design variables ``question.axes``, in the second
-        process; return what `verdicts_over` returns. All designs have the same number of cases, so
-        that all together take about `_MAP_S` seconds: at least `_MAP_CASES`, but at most
+        process; return the number of cases of each, the axes and, by requirement, the verdicts and
+        fractions of violating cases (`verdicts_over`). All designs have as many cases, so that all
+        together take about `_MAP_S` seconds: at least `_MAP_CASES`, but at most
         ``question.cases``."""
         campaign = self._changed(question)[0]
         axes = [MapAxis(*axis, n) for axis, n in zip(question.axes, _GRID, strict=False)]
@@ -283,7 +284,9 @@ def verdicts_over(
     """Judge the designs of a grid over one or two design variables. Return the number of cases of
     each design, the axes and, by requirement, the verdicts and the fractions of violating cases as
     nested lists: one inner list, over the first axis, for each value of the second one (a single
-    list with one axis). Called in a second process. Raises InputError as `map_designs`."""
+    list with one axis). Called in a second process. Raises InputError if the campaign has no
+    requirement, its cases are not random, both axes vary the same key, or the designs cannot share
+    a kernel."""
     designs = map_designs(campaign, axes, cases, seed, announce=no_log)
     return {
         "cases": cases,

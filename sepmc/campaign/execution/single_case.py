@@ -328,7 +328,8 @@ class _SingleRun:
 
         ``instants`` (n, 3), from `_instants`, are those of the history rows. Returns outcomes,
         status, True if full turns of pitch or roll are unclear, end times of segments followed by
-        times of changes, and history rows. Raises UnknownError as `_compile`."""
+        times of changes, and history rows. Raises UnknownError if the kernel would have to be
+        compiled and must not be."""
         most = float(steps.max())
         if not self.compiled:
             self._report_forecast(self.per_step * most)
