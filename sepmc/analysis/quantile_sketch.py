@@ -275,8 +275,9 @@ class _Grid:
         return *edges, counts
 
     def ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Return the values at ranks (r,), 0 to n - 1, in increasing order; the values counted in a
-        bin are taken as spread evenly over it."""
+        """Return the values (r,) at whole ranks (r,), given in any order: 0 for the least of the n
+        values counted, n - 1 for the largest; -inf and inf for ranks of infinite values. The values
+        counted in a bin are taken as spread evenly over it."""
         left, right, counts = self.bins()
         minus, plus = self.infinite
         result = np.where(rank < minus, -np.inf, np.inf)

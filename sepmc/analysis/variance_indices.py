@@ -158,21 +158,23 @@ class SaltelliGroups(NamedTuple):
 
 
 def saltelli_groups(numbers: np.ndarray, x: np.ndarray, y: np.ndarray) -> SaltelliGroups:
-    """Return the complete groups of a Saltelli design.
+    """Return the outcomes of the complete groups of a Saltelli design: those with the rows of all
+    their cases, each of which has the outcome.
 
     Parameters
     ----------
     numbers : ndarray, shape (n,), int
         Case numbers, which determine the group of a case and its place in it.
     x : ndarray, shape (inputs, n)
-        All dispersed inputs.
+        All dispersed inputs, only compared within each group.
     y : ndarray, shape (n,)
         An outcome, NaN where a case does not have it.
 
     Raises
     ------
     ValueError
-        If the inputs are not those of such a design, or too few groups are complete.
+        If the inputs are not those of such a design, no group has all rows, more than 5 % of those
+        that have them lack the outcome in a case, or a sequence has no complete group.
     """
     size = len(x) + 2
     order = np.argsort(numbers, kind="stable")

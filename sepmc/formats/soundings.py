@@ -199,7 +199,8 @@ def _sounding(rows: list[dict[str, float]], needed: tuple[str, ...]) -> tuple[Te
 def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
     """Rows of a sounding in the format of the University of Wyoming: columns of seven characters,
     below the line of titles, where index ``begin`` of ``text`` is. Each row has the numbers by
-    title, in the units of the file; a missing one is NaN."""
+    title, in the units of the file; a missing one is NaN. The rows end at the first line after
+    them that has other characters than numbers and blanks."""
     lines = text[begin:].splitlines()
     names = ("PRES", "HGHT", "TEMP", "DWPT", "RELH", "MIXR", "DRCT",
              "SKNT" if "SKNT" in lines[0] else "SPED")  # fmt: skip
@@ -219,8 +220,8 @@ def _wyoming_rows(text: str, begin: int) -> list[dict[str, float]]:
 def _spc_rows(text: str, begin: int) -> list[dict[str, float]]:
     """Rows of a sounding in the format of the Storm Prediction Center and SHARPpy, between %RAW%
     and %END% after index ``begin`` of ``text``. Each row has the numbers by column, PRES to SKNT,
-    in the units of the file; a missing one (-9999) is NaN. Raises FormatError for a line with fewer
-    cells."""
+    in the units of the file; NaN for a missing one (-9999) and for a text that is no number. Cells
+    beyond SKNT are ignored. Raises FormatError for a line with fewer cells that is not blank."""
     names = ("PRES", "HGHT", "TEMP", "DWPT", "DRCT", "SKNT")
     rows = list[dict[str, float]]()
     head, _, body = text[begin:].partition("%RAW%")

@@ -18,7 +18,7 @@ from sepmc.scene.units import UNITS, split_unit, unit_kind
 def apply_settings(tree: dict[str, Any], settings: dict[str, Any], problems: Problems) -> None:
     """Put settings, values by TOML path, into a TOML tree, in place. Keys that are not in the tree
     are created. But a path to a value in a body, joint or entry of an array that is not in the tree
-    adds a problem."""
+    adds a problem. A key replaces the same one in another unit. Paths have no wildcards here."""
     for key, value in settings.items():
         _put(tree, parts(key), _builtin(value), problems, key)
 

@@ -223,7 +223,7 @@ def _missing(field: Field) -> str:
 
 def _size_fault(value: Any) -> str:
     """Reason, for a message, why a number in a value (in SI, perhaps nested) is rejected: too
-    large, or not finite; empty if there is none."""
+    large (beyond `LARGEST`), or not finite; empty if there is none."""
     if isinstance(value, float):
         if abs(value) <= LARGEST:
             return ""

@@ -127,7 +127,8 @@ def _numeric_kind(a: Number, b: Number) -> str:
 
 def _bits(name: str, f: Any, left: Number, right: Number) -> Number:
     """Add to ``f`` the code of `left | right` (``name`` "or") or `left & right` ("and"), of two
-    truth values; return the result. Raises TypeError for other numbers."""
+    truth values, also if both are known; return the result, which counts as unknown. Raises
+    TypeError for other numbers."""
     if left.kind != BOOL or right.kind != BOOL:
         raise TypeError(f"bitwise {name} is for truth values, not for numbers")
     return f.emit(BOOL, f"{name} i1 {left.text}, {right.text}")

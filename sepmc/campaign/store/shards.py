@@ -548,7 +548,7 @@ def read_cases(
 ) -> pd.DataFrame:
     """Read case rows of a run as a table, sorted by case; if given, only those with case numbers
     below ``below``, and only some ``columns``, which must include ``case``. Raises StoreError if no
-    rows are stored."""
+    rows are stored, ValueError if rows are stored but no shard begins below ``below``."""
     stored = entries(folder, folders.CASES)
     if not stored:
         raise StoreError(f"{folder}: contains no {folders.CASES}; give the folder of a run")

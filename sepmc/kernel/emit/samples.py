@@ -45,8 +45,9 @@ def emit_samples(out: Text, c: Context, segment: Segment) -> None:
     begins to use samples and takes new ones where they are due, and ends cases in which a sampled
     value is NaN or infinite (status undefined-formula). Nothing is written without sampled signals.
 
-    Signals are sampled in the order of the file: a signal sees the samples that others before it
-    have just taken.
+    Signals are updated one after the other in the order of the file. The formula of a signal sees
+    the samples that signals before it use from this instant on. Its own sample that waited until
+    now comes into use, unless a new one without delay replaces it.
     """
     sampled, slots = c.spec.formulas.sampled, c.spec.layout.slots
     if not sampled:

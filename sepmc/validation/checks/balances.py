@@ -134,7 +134,8 @@ def _springs(run: NominalRun) -> tuple[Array, Array]:
 def balance() -> list[Line]:
     """Check the balance of momentum, angular momentum and energy at the end of chain.toml (three
     bodies on a ball joint and a slider that is released, with two springs and two motors) against
-    impulse, moment and work of the thrust.
+    impulse, moment and work of the thrust. The energy includes that stored in the springs; the work
+    is less what the dampers take.
 
     The three cases are springs alone, with motors, and with motors and dampers.
     """

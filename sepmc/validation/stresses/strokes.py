@@ -111,7 +111,9 @@ def _lead_time(margin: float) -> float:
 
 def grazing() -> list[Stress]:
     """Lines of `sepmc stress` on the release time at a stroke just reached, or just missed, at the
-    top of an oscillation: in converged steps, and between the ends of given steps of 0.05 to 0.3 s.
+    top of an oscillation: in converged steps, between the ends of given steps of 0.05 to 0.3 s,
+    and missed at 20 tops in a row. A case that misses the stroke is released by time, 0.1 s before
+    its end.
 
     Where the margin is less than the tolerance of a condition, or than the truncation error, either
     answer is right. With a given step, a kernel may miss a condition that is nearly reached within
