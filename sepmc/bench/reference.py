@@ -112,7 +112,7 @@ def _refined(
 
 def _second_opinion(study: Study, own: SolverVariant, factor: int) -> SolverVariant:
     """Return a variant that checks the reference: the other formulation of the equations in
-    ``factor`` times the steps of ``own``, with at most 500 cases (50 if the study is quick)."""
+    ``factor`` times as many steps as ``own``, with at most 500 cases (50 if the study is quick)."""
     other = "reduced" if own.formulation == FULL else FULL
     variant = own.by_formulation(study, other)
     cases = min(own.cases, _MAX_CHECKED // (10 if study.quick else 1))

@@ -149,7 +149,8 @@ def read_campaign(
     Raises
     ------
     SceneError
-        With every problem found, each as ``file: key_path = value: what is allowed``.
+        With every problem found, each as ``file: key_path = value: what is allowed``. A stage of
+        checks that finds problems is the last.
     """
     path = find_file(file)
     try:
@@ -210,7 +211,8 @@ def parse_campaign(
     Raises
     ------
     SceneError
-        With every problem; see `read_campaign`.
+        With all problems of the first stage of checks (`_parse`) that finds one, each as
+        `read_campaign` writes it.
     """
     if settings is not None and not isinstance(settings, dict):
         example = '{"run.cases": 100}'

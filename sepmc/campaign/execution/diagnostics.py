@@ -151,9 +151,9 @@ def sampling_notes(
 
 
 def idle_loads(scene: Scene, dispersed: set[str]) -> Iterator[str]:
-    """Yield notes on motors, tail-offs, signals, loads and springs without effect, such as a motor
-    of thrust 0. A value counts as having an effect if its path is in ``dispersed`` (it varies) or a
-    signal drives it."""
+    """Yield notes on what has no effect: motors, loads and springs whose forces are all 0, the
+    tail-offs of motors that never burn out, and signals that nothing uses. A value has an
+    effect if its path is in ``dispersed`` (it varies) or a signal drives it."""
 
     def is_zero(path: str, **numbers: float | tuple[float, ...]) -> bool:
         paths = tuple(f"{path}.{key}" for key in numbers)

@@ -192,11 +192,11 @@ def _differences(campaign: Definition, folder: Path) -> str:
 def _stored_rows(
     campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
-    """State of the cases of a run whose rows are intact, and the remaining ones of the wanted cases
-    (``spec``).
+    """State (number and summary) of the cases of a run whose rows are intact, and the remaining
+    ones of the wanted cases (``spec``). The rows themselves stay in the folder.
 
-    Damaged shards are removed from the folder, and ``announce`` is called with a message on that.
-    The state is empty, and all wanted cases remain, if no row is intact or the
+    Damaged shards are removed from the folder, and ``announce``, if given, is called with a message
+    on that. The state is empty, and all wanted cases remain, if no row is intact or the
     folder has no run. Raises StoreError if the rows have other columns, or cases are stored that
     are not wanted.
     """

@@ -249,7 +249,8 @@ def _emit_stop_at_load(out: Text, c: Context, number: int, segment: Segment) -> 
 
 def load_side(segment: Segment, load: Event) -> str:
     """Name of the workspace field of the side of its threshold on which the joint load of a
-    condition was at the end of the last step: 1 below, -1 above, 0 not known."""
+    condition was at the end of the last step: 1 below, -1 above, 0 not known. The condition of a
+    phase has a field in each segment; one that counts in any phase has a single field."""
     return (
         f"SIDE_{ANY_PHASE}_{load.number}" if load.any_phase else f"SIDE_{segment.name}_{load.name}"
     )
