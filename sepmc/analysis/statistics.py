@@ -330,7 +330,8 @@ class AuditSummary:
 
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
         """Add values (n,) of ok cases and their case numbers (n,), in increasing order and above
-        those already added. NaN is the worst value, and beyond any bound."""
+        those already added. The worst value is the largest, or the smallest of a column whose
+        name begins with ``smallest``; NaN is worse still, and beyond any bound."""
         if not x.size:
             return
         order = -x if self._is_minimum else x

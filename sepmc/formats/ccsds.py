@@ -163,8 +163,8 @@ def _frame(segment: Segment) -> tuple[str, float]:
 def _state(segment: Segment, epoch: float) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,), m, and velocity (3,), m/s, of an OEM's segment at ``epoch``, in the frame of
     the segment: those of the row at that epoch, else of the cubic through positions and velocities
-    of the two rows around it. Raises FormatError if these rows contradict each other, or the
-    position is not near the Earth."""
+    of the two rows around it. The epoch must be within the segment: it is not checked. Raises
+    FormatError if these rows contradict each other, or the position is not near the Earth."""
     rows = np.array(segment.rows)
     times = np.array(segment.epochs) - segment.epochs[0]
     positions, velocities = 1e3 * rows[:, :3], 1e3 * rows[:, 3:6]

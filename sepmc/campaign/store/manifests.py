@@ -376,7 +376,8 @@ def _no_run(folder: Path) -> StoreError:
 
 def versions() -> dict[str, Any]:
     """Entries of a manifest, by key, on versions (of sepmc, Python and packages) and the kind of
-    machine: processor architecture and operating system, such as "x86_64 Linux"."""
+    machine: processor architecture and operating system, such as "x86_64 Linux". Their keys are
+    "sepmc", "versions" and "machine"."""
     packages = {
         "numpy": np.__version__,
         "numba": version("numba"),
