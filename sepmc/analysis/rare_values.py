@@ -139,8 +139,8 @@ def _pairs(
     first: Dispersion, second: Dispersion, correlation: float
 ) -> Iterator[tuple[tuple[float, float], float]]:
     """Yield ((first value, second value), probability) for each pair of values of two discrete
-    distributions that is more probable than if they were independent; ``correlation`` is that of
-    their normal scores."""
+    distributions that is more probable (by 0.1 % at least, beyond round-off) than if they were
+    independent; ``correlation`` is that of their normal scores."""
     from scipy.special import ndtri  # noqa: PLC0415  (0.1 s that most files do not need)
 
     edges = [np.cumsum(each.weights) / np.sum(each.weights) for each in (first, second)]

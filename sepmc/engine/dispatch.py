@@ -429,13 +429,14 @@ def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> Non
 
 
 def check_threads(threads: int | None) -> int | None:
-    """Return ``threads``, as an integer, if compiled code can use that many threads in this
-    process; None, which means all of them, is returned as None.
+    """Return ``threads``, as an integer, if that many can be requested (1 to `max_threads`); None,
+    which means all of them, is returned as None. A forked process accepts them too, but uses one.
+    The threads of compiled code are started by this.
 
     Raises
     ------
     InputError
-        If it cannot, or if Numba's threading layer is unknown or not installed.
+        If they cannot be requested, or if Numba's threading layer is unknown or not installed.
     """
     from sepmc.engine import threads as pool  # noqa: PLC0415  (numba)
 

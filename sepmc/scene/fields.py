@@ -133,7 +133,7 @@ class Field:
 @functools.cache
 def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
     """Fields of a struct of the model by name (without unit), in the order of declaration,
-    except those that no key sets (`Derived`)."""
+    except those that no key sets (`Derived`). The dict is cached: callers must not change it."""
     hints = get_type_hints(kind, include_extras=True)
     result = {}
     for info in msgspec.structs.fields(kind):

@@ -324,7 +324,8 @@ class _Simulation:
         )
 
     def bodies(self, y: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """(x, v, R, w) of A and of B from the state vector (36,), of joined or of free bodies."""
+        """(x, v, R, w) of A and of B, each as the function `bodies` returns it, from the state
+        vector (36,), of joined or of free bodies."""
         if self.kind != "free":
             return bodies(self.pair, self.motion(y))
         of_a, of_b = (

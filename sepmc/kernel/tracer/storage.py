@@ -92,7 +92,8 @@ READS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
 
 def number_code(a: Any) -> str:
     """Python code of a number that is known while the kernel is written: ``math.nan``,
-    ``math.inf``, ``-math.inf``, or its repr."""
+    ``math.inf``, ``-math.inf``, or its repr. It must be a number of Python: the repr of one of
+    NumPy is no code of a kernel."""
     if isinstance(a, float) and not math.isfinite(a):
         return "math.nan" if math.isnan(a) else "math.inf" if a > 0.0 else "-math.inf"
     return repr(a)

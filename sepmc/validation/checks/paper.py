@@ -46,7 +46,8 @@ def _deviations() -> dict[str, float]:
 def phases() -> list[Line]:
     """Check the nominal case, ended within each phase (locked, guided, free), against
     `sepmc.validation.lagrange`: all outcomes that this computes, in one line, and the force and the
-    moment of the joint, relative to their magnitude (at least 1 N, 1 N m)."""
+    moment of the joint at the end (0 once it is free), relative to their magnitude (at least 1 N,
+    1 N m)."""
     lines = []
     for phase, formulation, settings in PHASES:
         base = load("table2.toml", FINE | settings)
