@@ -206,8 +206,8 @@ def histogram_of(
 
 def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dict[str, object]:
     """Return the row of `statistics`, as a dict by column, of an outcome from its values and case
-    numbers in the ok cases, each (n_ok,); only ``n`` if all values are NaN. ``confidence`` is that
-    of the intervals of percentiles."""
+    numbers in the ok cases, each (n_ok,). NaN is left out, and not counted in ``n``; if all values
+    are NaN, the row is ``n`` = 0 alone. ``confidence`` is that of the intervals of percentiles."""
     present = ~np.isnan(values)
     x, numbers = values[present], numbers[present]
     if x.size == 0:

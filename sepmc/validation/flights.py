@@ -44,7 +44,8 @@ class Track(NamedTuple):
 
 def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
     """Load the campaign of the file ``scenes/NAME.toml`` beside this module; ``settings`` replaces
-    values in it, by path, such as ``initial.omega_rad_s``."""
+    values in it, by path, such as ``initial.omega_rad_s``. Files that the campaign names are not
+    read. Raises FileNotFoundError if there is no such file."""
     return Campaign(
         parse_campaign(
             tomllib.loads((SCENES / f"{name}.toml").read_text(encoding="utf-8")), name, settings

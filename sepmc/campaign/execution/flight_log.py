@@ -127,7 +127,8 @@ class FlightLog:
 
     def _read(self, shard: ledger.Entry) -> tuple[list[Batch], BatchSummary]:
         """Batches of a shard, and the summary of all cases of the log up to its end. Raises
-        StoreError if the shard is damaged."""
+        StoreError if it cannot be read, or its metadata and values contradict each other; its
+        checksum is not compared."""
         path = self.folder / shard.file
         _, about = shards.read_metadata(path)
         values = shards.read_table(path, ["value"])["value"].to_numpy()

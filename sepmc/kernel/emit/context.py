@@ -255,7 +255,8 @@ class Context:
         ]
 
     def indicator(self, name: str) -> str:
-        """Workspace path of an error indicator, by its name."""
+        """Workspace path of an error indicator, by its name, one of `indicators`; ValueError for
+        any other name."""
         return component("INDICATORS", self.indicators.index(name))
 
     @property

@@ -23,7 +23,8 @@ def relative_values(s: State) -> list[Any]:
 
 def hinge_angle(s: State, joint: str) -> Any:
     """Angle of a joint about its x axis, rad, -pi to pi: from its y axis as fixed in the first body
-    to its y axis as fixed in the second."""
+    to its y axis as fixed in the second, projected normal to x of the first body. It is positive
+    from y toward z."""
     sine, cosine = hinge_components(s, joint)
     return scalar.arctan2(sine, cosine)
 
