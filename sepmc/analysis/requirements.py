@@ -90,7 +90,8 @@ class RequirementCounter:
         -------
         violates, unknown : ndarray, shape (n,), bool
             Masks of cases that certainly violate, and of unknown ones, which did not finish or do
-            not have the outcome (see `RequirementCounter`); no case is in both.
+            not have the outcome (see `RequirementCounter`); no case is in both. For a requirement
+            on a status, a case that is neither ok nor has the status is unknown.
         """
         self.cases += len(numbers)
         if values is None:

@@ -258,7 +258,7 @@ def percentile_ends(
 
 def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
     """Return mean, sigma, standard error of the mean and standard error of sigma of values (n,),
-    n >= 1; all but the mean are NaN for one value."""
+    n >= 1, none of them NaN; all but the mean are NaN for one value, or if a value is infinite."""
     n, low, span = x.size, x.min(), np.ptp(x)
     if n == 1:
         return float(low), np.nan, np.nan, np.nan

@@ -168,7 +168,7 @@ def _parameters(estimation: Estimation) -> list[str]:
 
 def _rounded(row: Mapping[Any, Any], spread: str, names: Sequence[str]) -> list[str]:
     """Return the values ``names`` of a row as text, with as many decimals as show two digits of the
-    standard deviation ``spread`` of the row: 0 to 12, and 0 if that is zero."""
+    standard deviation, column ``spread``: 0 to 12, and 0 if that is zero or NaN."""
     digits = 0
     if row[spread] > 0.0:
         digits = min(max(1 - math.floor(math.log10(row[spread])), 0), 12)

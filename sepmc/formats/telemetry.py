@@ -209,10 +209,10 @@ def _kind(column: str) -> str:
 
 
 def _resolve(mapped: MappedChannel, channels: Mapping[str, _Raw]) -> MappedChannel:
-    """Copy of a mapping with the full title in the file as ``channel``. If no title has the name
-    ``channel`` as it is, a unit in brackets at its end (``gyro_z[rad/s]``) is split off, and
-    becomes ``unit`` if that is empty. Raises FormatError if no channel or
-    several have the name."""
+    """Copy of a mapping with the full title in the file as ``channel``; `_titles` says which titles
+    a name may mean. If there is none for the name ``channel`` as it is, a unit in brackets at its
+    end (``gyro_z[rad/s]``) is split off, and becomes ``unit`` if that is empty. Raises FormatError
+    if the name means no channel or several."""
     name, unit = mapped.channel, ""
     titles = _titles(name, channels)
     if not titles and (match := _UNIT.fullmatch(name)):

@@ -335,8 +335,9 @@ def names(node: Node) -> list[str]:
 
 
 def may_be_undefined(node: Node) -> bool:
-    """True if a syntax tree has a function or operator that is undefined, or overflows, for some
-    arguments, such as ``/``, ``**`` or ``sqrt``."""
+    """True if a syntax tree has a function or operator of `_PARTIAL`, which is undefined, or
+    overflows, for some arguments, such as ``/``, ``**`` or ``sqrt``; also ``sin`` and ``cos``,
+    which are NaN for huge ones. Overflow of ``+``, ``-`` and ``*`` does not count."""
     return any(isinstance(one, Call) and one.function in _PARTIAL for one in walk(node))
 
 

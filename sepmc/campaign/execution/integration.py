@@ -619,5 +619,6 @@ def _put_rows(block: Block, numbers: np.ndarray, rows: Block) -> None:
 
 
 def _largest_changes(change: np.ndarray) -> np.ndarray:
-    """Largest change (o,) of each outcome over n cases, from ``change`` (n, o); 0 without cases."""
+    """Largest change (o,) of each outcome over n cases, from ``change`` (n, o), none below 0; 0
+    without cases, NaN if one of the changes is NaN."""
     return np.asarray(change.max(axis=0, initial=0.0))
