@@ -132,8 +132,9 @@ class TableStatistics:
         return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
 
     def _design(self, counter: RequirementCounter, values: np.ndarray | None) -> float:
-        """Return the design value of a requirement on the outcome ``values`` (n_cases,); NaN for
-        one on a status or on `VIOLATION` (``values`` is None), and for too few cases."""
+        """Return the design value of a requirement on the outcome ``values`` (n_cases,), a value of
+        the outcome, or with two bounds of its margin; NaN for a requirement on a status or on
+        `VIOLATION` (``values`` is None), and for too few cases."""
         if values is None:
             return np.nan
         present = values[self._ok & ~np.isnan(values)]

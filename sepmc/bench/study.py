@@ -213,8 +213,8 @@ class SolverVariant:
 
     @property
     def evaluations(self) -> int:
-        """Approximate number of derivative evaluations of a case; with a fixed step only
-        proportional to it."""
+        """Approximate number of derivative evaluations of a case. With a fixed step it is that of
+        one step in each segment, whatever the length of the step."""
         return self.integration.evaluations
 
     def by_formulation(self, study: Study, other: str) -> "SolverVariant":

@@ -132,7 +132,8 @@ def write(
     folder: Path, campaign: Definition, summary: TableStatistics | StreamingStatistics
 ) -> RunStatistics:
     """Evaluate a run, and write the results into its folder: ``statistics.csv``,
-    ``statistics.json``, and, if the run stores no rows of all cases, ``histograms.csv``.
+    ``statistics.json``, and, if the run stores no rows of all cases, ``histograms.csv``. The files
+    are entered into the ledger of the folder.
 
     ``summary`` has the statistics of all cases of the run. Returns the statistics, audit and
     verdicts written.

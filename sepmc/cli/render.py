@@ -52,7 +52,8 @@ def show(text: str) -> None:
 
 
 def logger(quiet: bool) -> "Log":
-    """Return a function that prints a message to standard output, or ignores it if ``quiet``."""
+    """Return a function that prints a message to standard output as `show` does, or ignores it if
+    ``quiet``."""
     return (lambda text: None) if quiet else show
 
 

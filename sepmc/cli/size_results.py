@@ -172,7 +172,8 @@ def render_trade_off(result: TradeOff, variables: Sequence[Variable]) -> str:
 
 
 def write_trade_off(result: TradeOff, campaign: Campaign, path: Path) -> Path:
-    """Write the front of a trade-off as Parquet; return its path. Raises StoreError if it cannot be
+    """Write the front of a trade-off as Parquet; return its path. The name and checksum of the
+    campaign, and what each cost is, go into its metadata. Raises StoreError if it cannot be
     written."""
     about = {"campaign": campaign.name, "digest": campaign.digest, "sepmc": __version__}
     about |= {f"cost_{k}": text for k, text in enumerate(result.minimise, start=1)}

@@ -103,7 +103,8 @@ def _is_written(name: str) -> bool:
 def _compile(name: str) -> None:
     """Compile the compile unit whose module in the cache folder is called ``name``, or the loop
     over blocks (`cache_files.LOOP`), in this process; store the object file in the cache
-    folder."""
+    folder. Compile units are translated by `sepmc.translator`; only the loop is compiled by
+    numba."""
     if name == cache_files.LOOP:
         from sepmc.engine.block_loop import compile_loop  # noqa: PLC0415  (numba)
 

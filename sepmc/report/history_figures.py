@@ -397,7 +397,8 @@ _SHORT, _TALL = 26, 48  # 10 pt letters along the ordinate of stacked and of sin
 
 def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
     """Return the label of a panel's ordinate, folded to lines of at most ``letters`` characters;
-    with `Panel.small_counts` it has another line: the minimum of its first column, and when."""
+    with `Panel.small_counts` it has another line: the minimum of its first column, and when (not
+    if that column is all NaN)."""
     text, name = fill(panel.label, letters), panel.lines[0][0]
     if not panel.small_counts or not history[name].notna().any():
         return text

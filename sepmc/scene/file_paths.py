@@ -67,7 +67,8 @@ def _paths(tree: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _names_file(key_path: str) -> bool:
-    """True if the value at a TOML path is the path of a file."""
+    """True if the value at a TOML path is the path of a file: its last key is ``file``, or it is
+    ``run.samples``."""
     return key_path.rpartition(".")[2] == "file" or key_path == "run.samples"
 
 

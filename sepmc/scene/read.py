@@ -169,8 +169,9 @@ def read_campaign(
 
 
 def read_text(written: bytes, source: str) -> dict[str, Any]:
-    """Parse the bytes ``written`` of a TOML file to a tree. Raises SceneError, whose message begins
-    with ``source``, if they are not TOML."""
+    """Parse the bytes ``written`` of a TOML file to a tree; a byte-order mark is skipped. Raises
+    SceneError, whose message begins with ``source``, if they are not TOML, or a dotted key has too
+    many parts. Which keys and values there are is not checked."""
     try:
         text = written.decode("utf-8-sig")
         if fault := check_keys(text):

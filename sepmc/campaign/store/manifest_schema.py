@@ -215,7 +215,8 @@ def read(content: bytes) -> dict[str, Any]:
 
 def _check(manifest: Any) -> None:
     """Raise ValueError, with the place, if the JSON data of a manifest or of a part of one have too
-    large values, are nested too deep, or have texts with control characters."""
+    many entries in a table or list, are nested too deep, or have whole numbers of more than 64
+    bits, too long texts, or texts with control characters. Keys and types are not checked."""
     problems = Problems()
     with contextlib.suppress(TooManyProblems):
         check_tree(manifest, problems, _TEXT)

@@ -427,7 +427,9 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
 
 def _pending_calls(segment: Segment) -> list[str]:
     """Lines (one, or none if not needed) that call the check whether the condition that ends the
-    next phase is met too early: while delayed releases before that phase are pending."""
+    next phase is met too early: while delayed releases before that phase are pending. It rejects
+    such cases, which another variant of the kernel then integrates again
+    (`events.emit_pending_event`)."""
     return [f"pending_event_{segment.name}(w, 0.0)"] if segment.pending_event else []
 
 

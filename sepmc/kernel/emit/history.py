@@ -89,7 +89,7 @@ def _emit_separation(out: Text, c: Context, segment: Segment) -> None:
 
 def fit_curves(rk: Method) -> str:
     """Name of the kernel function that fits polynomials to the separations over a step by the
-    method ``rk``."""
+    method ``rk``; `_emit_fit_curves` writes that function."""
     return f"fit_curves_{rk.name}"
 
 
