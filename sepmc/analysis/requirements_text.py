@@ -63,7 +63,7 @@ def requirement_sentence(
     unit : str
         Unit of its outcome; none is written for ``1`` and an empty string.
     population : str
-        Name of the cases that it refers to.
+        Name of all cases that the fraction refers to, such as "all cases" (`ALL_CASES`).
 
     Returns
     -------

@@ -53,8 +53,9 @@ def raised_confidence(campaign: Any, looks: int) -> dict[str, float]:
 
 
 def with_requirements(campaign: "Campaign", names: Sequence[str]) -> "Campaign":
-    """Return the campaign with only the requirements of the given names, or the campaign itself if
-    there are no names. Raises InputError for an unknown name."""
+    """Return the campaign with only the requirements of the given names, in the order of the file
+    (and only these in ``size.subject_to``), or the campaign itself if there are no names. Raises
+    InputError for an unknown name."""
     if not names:
         return campaign
     check_subject_to(names, campaign.file.requirements)

@@ -137,8 +137,8 @@ def read_stored_flight(folder: Path) -> "FlightComparison | None":
 
 def check_options(two: Path | None, data: Path | None, others: dict[str, Any]) -> None:
     """Raise UsageError unless either a second run ``two`` or telemetry ``data`` is given, not both,
-    or if one of the options of telemetry, ``others`` by name, has another value than its default
-    without telemetry."""
+    or if one of the options of telemetry, ``others`` (values by name), has another value than its
+    default without telemetry. Defaults other than None are listed in the function."""
     if (two is None) == (data is None):
         raise click.UsageError("give RUN_B, or the telemetry of a flight by --data, not both")
     defaults = {"map": (), "cases": CASES}

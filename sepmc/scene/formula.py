@@ -130,7 +130,8 @@ def parse(text: str) -> Node:
 def _python_text(text: str) -> str:
     """Text of a formula as a Python expression, in which names that are keywords of Python have a
     mark (`_marked`). Raises FormulaError if the text is empty, too long or nested too deep, if it
-    has characters or operators that no formula has, or a number directly before a name."""
+    has ``==``, ``!=`` or a character that no formula has, or a number directly before a name. The
+    order of operators and brackets is not checked here."""
     if len(text) > MAX_TEXT:
         raise FormulaError(f"has {len(text):,} characters: must have at most {MAX_TEXT:,}")
     if not text.strip():

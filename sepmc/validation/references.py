@@ -246,7 +246,7 @@ def spring_extension(
     mass : float
         m: the reduced mass of two free bodies, kg.
     force, stiffness, damping : float
-        N, N/m, N s/m; below critical damping.
+        N, N/m, N s/m; below critical damping, else ValueError.
 
     Notes
     -----

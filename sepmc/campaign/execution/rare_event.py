@@ -346,7 +346,8 @@ def table_columns(campaign: Definition, unit: str) -> list[Column]:
 
 def _rows(campaign: Definition, estimate: Estimate) -> dict[str, np.ndarray]:
     """Distinct cases of the last level, values (n,) by column of `table_columns`, the smallest
-    margin first; cases without weight are left out."""
+    margin first; cases without weight are left out. Column ``case`` numbers them from 0 in this
+    order. A case that the chains visit several times is one row, with the sum of the weights."""
     used = estimate.weight > 0.0
     _, first, which = np.unique(estimate.last.number[used], return_index=True, return_inverse=True)
     positions = np.flatnonzero(used)[first]

@@ -61,8 +61,8 @@ def aero_tables() -> list[Stress]:
     mach = SPEED / SOUND
 
     def table(axis: str, low: float, high: float) -> Tree:
-        """Tree of ``body.NAME.aerodynamics`` with a table of three rows: a constant axial coefficient
-        over ``axis`` from low to high."""
+        """Tree of ``body.NAME.aerodynamics`` with a table of three rows: a constant axial
+        coefficient over ``axis`` from low to high."""
         return {"table": {axis: [low, 0.5 * (low + high), high], "axial": [0.4] * 3}}
 
     for label, axis, low, high, inside in (
