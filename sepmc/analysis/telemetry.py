@@ -339,7 +339,8 @@ def compare_channels(
 
 def _continuous(histories: Histories, channels: Sequence[Channel]) -> Histories:
     """Return histories whose angles do not jump by full turns: neither over time nor, at the start,
-    from the nominal case to another. ``channels`` are in the order of the columns."""
+    from the nominal case (`Histories.nominal`) to another. ``channels`` are in the order of the
+    columns; those that are no angles are unchanged."""
     values, nominal = np.array(histories.values), np.array(histories.nominal)
     for i, channel in enumerate(channels):
         if channel.is_angle:

@@ -85,8 +85,8 @@ def _trials(study: Study, variant: SolverVariant, inputs: np.ndarray) -> dict[st
 
 
 def _integrate(variant: SolverVariant, inputs: np.ndarray) -> RowBatch:
-    """Integrate the cases of ``inputs`` (n, d), SI; return their outcomes and audit columns (n, o),
-    SI, and statuses (n,)."""
+    """Integrate the cases of ``inputs`` (n, d), SI, with the refinement of a run, on the threads
+    that are set; return their outcomes and audit columns (n, o), SI, and statuses (n,)."""
     block = variant.fly(inputs)
     return block.outcomes, block.status
 

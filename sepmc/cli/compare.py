@@ -166,7 +166,8 @@ def _show_differences(campaigns: "Sequence[Campaign]", runs: "Sequence[RunStatis
 
 
 def _without_cases(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tree of a campaign file without the key ``run.cases``, the number of cases."""
+    """Return a copy of the tree of a campaign file without the key ``run.cases``, the number of
+    cases. The copy has a table ``run`` in any case, if need be an empty one."""
     run = {key: value for key, value in tree.get("run", {}).items() if key != "cases"}
     return {**tree, "run": run}
 

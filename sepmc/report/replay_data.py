@@ -248,8 +248,9 @@ def thrust_lines(motor: Motor, deflection: np.ndarray, clock: np.ndarray) -> np.
 
 def _distances(history: pd.DataFrame, scene: Scene, motion: Poses) -> list[dict[str, Any]]:
     """Return the elements of ``distances`` in the result of `replay_data`: for each clearance
-    between two bodies its distance over time and its nearest points. Clearances without a column in
-    the history are left out."""
+    between two bodies its distance over time, mm, and its nearest points, m, in the axes of the
+    poses ``motion``. Clearances from the ground, and those without a column in the history, are
+    left out."""
     result: list[dict[str, Any]] = []
     for clearance in scene.clearance:
         column = f"{clearance.name}_clearance_mm"

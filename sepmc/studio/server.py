@@ -153,7 +153,8 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(status, "text/plain", reason.encode())
 
     def _send(self, status: Http, kind: str, body: bytes) -> None:
-        """Send an answer; ``kind`` is its media type, such as text/html."""
+        """Send an answer, to a HEAD request without its ``body``; ``kind`` is its media type, such
+        as text/html, to which charset=utf-8 is added."""
         self.send_response(status)
         for name, value in _HEADERS.items():
             self.send_header(name, value)

@@ -520,8 +520,9 @@ class _Writer:
 
 
 def _key(a: Any) -> Any:
-    """Hashable key of the argument of a call: equal for arguments that are the same node, equal
-    numbers of one type, or tuples of such."""
+    """Hashable key of the argument of a call: equal for arguments that are the same node, numbers
+    (or texts) of one type that are written alike, or tuples of such. So 0.0 and -0.0 differ, and
+    NaN equals NaN."""
     if isinstance(a, Expr):
         return ("value", a.node)
     if isinstance(a, tuple):
