@@ -102,6 +102,8 @@ def allocate(
     progress: Callable[[int, int], None] | None = None,
 ) -> Allocation:
     """Halve and double the spread of one dispersed input after the other, and propose spreads.
+    Inputs without a spread to scale are left out: those whose distribution is not one of `SCALED`,
+    and columns of ``run.samples``.
 
     If the run of the unchanged campaign shows all requirements, the proposal doubles as many
     spreads as possible while a run with another seed still shows them. Otherwise it halves as few

@@ -391,8 +391,9 @@ class Session:
 
     def _designs(self, designs: Any) -> np.ndarray:
         """Return the values (m, variables) of m designs, in the units of the keys, from a table of
-        columns by key (DataFrame or mapping) or an array of this shape. Raises InputError if a
-        design is incomplete or outside the box."""
+        columns by key (DataFrame or mapping) or an array of this shape, two-dimensional also for
+        one design. Raises InputError if a design is incomplete, not finite or outside the box, or a
+        column is that of a key that is not varied."""
         if isinstance(designs, pd.DataFrame | Mapping):
             columns = self.box.values_of(dict(designs))
             if len({len(np.atleast_1d(column)) for column in columns}) > 1:

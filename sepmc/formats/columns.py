@@ -176,7 +176,8 @@ class Columns:
             Name of the quantity in messages and in ``columns``.
         quantity : Quantity
         default : str
-            Unit of a column that has none; if empty, such a column is an error.
+            Unit of a column that has none, neither in ``named`` nor in its title; if empty, such a
+            column is an error. A quantity without a kind of unit is not converted.
 
         Returns
         -------

@@ -244,7 +244,8 @@ def _statistics(
     table: pd.DataFrame, names: Sequence[str]
 ) -> tuple[list[str], list[list[str | int]]]:
     """Return the heads of the columns after the first and the rows of a table of the statistics of
-    outcomes ``names``; cells are texts, but case numbers are integers."""
+    outcomes ``names``; cells are texts, but case numbers are integers. A row begins with the name
+    of the outcome, as in ``names``."""
     cells = [
         (head, column)
         for _, columns in column_groups(table.loc[list(names)], None)

@@ -483,7 +483,7 @@ def _read_distributions(tree: Any, problems: Problems) -> dict[str, Distribution
 def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], source: str) -> None:
     """Issue a SceneWarning for each body whose dispersed moments of inertia can form a tensor that
     no solid body has: one moment at the upper end of its `Dispersion.reach`, and the others at
-    their lower ends. ``source`` begins its text."""
+    their lower ends, with the nominal products of inertia. ``source`` begins its text."""
     by_path = {d.parameter.path: d for d in dispersions}
     for name in scene.body:
         axes = [by_path.get(f"body.{name}.inertia.{axis}") for axis in ("xx", "yy", "zz")]

@@ -219,7 +219,8 @@ def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
 
 def select(f: Any, test: Number, yes: Number, no: Number) -> Number:
     """Add to ``f`` the code of `yes if test else no`, of two numbers of the same type that have
-    both been evaluated; return the result."""
+    both been evaluated; return the result. If both are the same number, that is returned and no
+    code is added; whether ``test`` is known during translation makes no difference."""
     if yes.text == no.text:
         return yes
     text = f"select i1 {test.text}, {yes.kind} {yes.text}, {no.kind} {no.text}"

@@ -235,8 +235,8 @@ class Search:
         """Largest relative error (o,) of each outcome over n cases, from ``outcomes`` (n, o) and
         ``verdict`` (n,), against the reference.
 
-        It is infinite if more than a tenth of the cases are valid in the reference but not here, or
-        no case is valid in both.
+        It is infinite if the number of cases that are valid in the reference but not here is more
+        than a tenth of n, or no case is valid in both.
         """
         in_both = (verdict == VALID) & self.is_valid
         if (

@@ -188,7 +188,7 @@ def read_accumulators(
     ----------
     folder : Path
     entry : Entry
-        From `accumulator_entry`.
+        From `accumulator_entry`, which has compared the file with its checksum.
 
     Returns
     -------

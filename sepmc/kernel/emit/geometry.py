@@ -101,7 +101,8 @@ class State:
 
     def position(self, body: str) -> Any:
         """Position of the mass centre of a body, ground axes, m, in a frame that moves with the
-        initial velocity of the vehicle; its origin is at first the common mass centre."""
+        initial velocity of the vehicle; its origin is at first the common mass centre. Of the
+        ground it is the point at which the common mass centre was at the start."""
         if body == GROUND:  # its axes start at the initial mass centre
             return vec3.scale(self.time, self.velocity(GROUND)).called("x_ground")
         return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
