@@ -484,7 +484,8 @@ def _joint_prefix(contents: Contents, joint: str) -> str:
 
 
 def release_columns(contents: Contents) -> dict[str, str]:
-    """Return the name of the column of the time at which each joint becomes free, by joint."""
+    """Return the name of the column of the time at which each joint becomes free, by joint, also of
+    joints that never do: ``JOINT_release_time_s``, with a single joint ``release_time_s``."""
     return {joint: f"{_joint_prefix(contents, joint)}release_time_s" for joint in contents.joints}
 
 

@@ -149,8 +149,9 @@ def _parts(
         folders.write_json(folder / SUMMARY, results | tables)
 
     def keep(name: str, frame: pd.DataFrame) -> None:
-        """Write the table of a part as Parquet. If the part has a text table, also print it with
-        its warnings, and store both in ``bench.json``."""
+        """Add the table of a part to ``frames``, and write it as Parquet. If the part has a text
+        table, also print that with its warnings, and store the rows of ``frame`` and the warnings
+        in ``bench.json``."""
         frames[name] = frame
         frame.to_parquet(folder / f"{name}.parquet", index=False)
         if name in text.TABLES:
@@ -203,7 +204,8 @@ def _parts(
 
 def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
     """Return the most important results of a benchmark, by label with unit, from its tables by
-    part; measures the peak rate of multiply-adds of the machine for them."""
+    part, of which "work_precision" and "features" must be there; measures the peak rate of
+    multiply-adds of the machine for them."""
     table = frames["work_precision"]
     default = table[table["default"]].iloc[0]
     headlines: dict[str, Any] = {

@@ -90,7 +90,8 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
 
 def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
     """Return the row of a stage or command in the table of `measure`, with the median and the
-    minimum of its ``times``, s; ``kind`` is the value of that column."""
+    minimum of its ``times``, s, their number and their `spread`; ``kind`` is the value of that
+    column."""
     return {
         "stage": name,
         "kind": kind,

@@ -83,6 +83,7 @@ def evaluate(
     Parameters
     ----------
     campaign : Definition
+        Its requirements are judged; its ``run.sampler`` must be that of the run.
     summary : TableStatistics or StreamingStatistics
         Summary of all cases of the run, or of some of them.
     manifest : mapping

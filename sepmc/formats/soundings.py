@@ -268,8 +268,8 @@ def _heights(columns_read: dict[str, np.ndarray]) -> dict[str, Any]:
 
 def _sorted(tree: dict[str, Any], understood: list[str]) -> tuple[dict[str, Any], list[str]]:
     """Sort the rows of a table by rising height, the first key of ``tree``. Returns the sorted
-    copy, and ``understood``, to which sentences on the rows were added. Raises FormatError if a
-    height occurs twice."""
+    copy, and the list ``understood`` itself, to which sentences on the rows were added. Raises
+    FormatError if a height occurs twice."""
     key = next(iter(tree))
     heights = np.array(tree[key])
     order = np.argsort(heights, kind="stable")

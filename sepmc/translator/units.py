@@ -32,7 +32,8 @@ class callee:
 
     def call(self, f: Any, w: Array, *numbers: Any) -> tuple[()]:
         """Add instructions to ``f`` (a `functions.Function` in translation) that call the unit with
-        the workspace ``w`` and further arguments; return (), since units return nothing."""
+        the workspace ``w`` and further arguments, numbers of which are converted to the types that
+        the unit takes; return (), since units return nothing."""
         text = f"getelementptr i64, ptr {w.data.text}, i64 {-1 - self.position}"
         address = f.emit(INT, f"load i64, ptr {f.emit(POINTER, text).text}")
         function = f.emit(POINTER, f"inttoptr i64 {address.text} to ptr")

@@ -82,7 +82,8 @@ def make(tree: Tree) -> Campaign:
 
 def without_step(tree: Tree) -> Tree:
     """Copy of a tree without ``solver.step_s``, if it has that, so that its steps are converged to
-    an accuracy of 1e-9."""
+    an accuracy of 1e-9. All tables but ``solver``, which must be there, are shared with the
+    tree."""
     return tree | {
         "solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}
     }
