@@ -508,7 +508,8 @@ def stroke_columns(contents: Contents) -> dict[str, str]:
 
 def partial_release_columns(contents: Contents) -> dict[tuple[str, str], str]:
     """Return the name of the column of the time from which a joint constrains no more than a kind
-    that a partial release leaves it with, by (joint, kind)."""
+    that a partial release leaves it with, by (joint, kind): ``JOINT_release_to_KIND_time_s``, with
+    a single joint without ``JOINT_``; hyphens of the kind become underscores."""
     return {
         (joint, kind): f"{_joint_prefix(contents, joint)}release_to_{kind.replace('-', '_')}_time_s"
         for joint, kind in contents.partial_releases

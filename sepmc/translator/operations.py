@@ -208,7 +208,8 @@ def is_in(f: Any, value: Number, items: tuple[Number, ...]) -> Number:
 
 def connected(f: Any, a: Number, b: Number, both: bool) -> Number:
     """Add to ``f`` the code of `a and b` if ``both`` is true, else of `a or b`, of two truth values
-    that have both been evaluated; return the result."""
+    that have both been evaluated; return the result. No code is added if ``a`` is known during
+    translation, or ``b`` is and makes no difference."""
     if a.constant is not None:
         return b if a.constant == both else a
     if b.constant is not None and b.constant == both:

@@ -119,7 +119,8 @@ class FlightLog:
         self._pending, self._saved = [], time.monotonic()
 
     def remove(self) -> None:
-        """Delete the shards of the log and their folder, once the estimate is complete."""
+        """Delete the shards of the log, their entries in the ledger and their folder, once the
+        estimate is complete."""
         shards.replace_shards(self.folder, folders.ACCUMULATORS, [])
         log_folder = self.folder / folders.ACCUMULATORS
         if is_local(log_folder) and log_folder.is_dir():

@@ -51,7 +51,8 @@ def scene(
 ) -> Tree:
     """Tree of a scene of bodies in empty space, at rest or with the rates ``omega``, rad/s; end
     time and step in s. ``other_tables`` has further tables, as in a file; of a table that is here
-    already, only the keys that they give are replaced."""
+    already, only the keys that they give are replaced, also in the ``bodies`` and ``joints`` that
+    the caller passed: nothing is copied."""
     tree: Tree = {
         "environment": dict(SPACE),
         "body": bodies,
