@@ -47,9 +47,9 @@ def put(path: Path, content: bytes) -> None:
 
 
 def put_sealed(path: Path, content: bytes) -> None:
-    """Write a file with a checksum in front of its content. The checksum includes the name, so that
-    a copy of one file under the name of another is rejected. Raises OSError if the file cannot be
-    written."""
+    """Write a file, whose folder must exist, with a checksum in front of its content, atomically.
+    The checksum includes the name, so that a copy of one file under the name of another is
+    rejected. Raises OSError if the file cannot be written."""
     put(path, _digest(path, content) + content)
 
 
