@@ -357,8 +357,9 @@ class _Simulation:
         return r.T @ accelerations.force, r.T @ accelerations.moment
 
     def derivative(self, t: float, y: Array) -> Array:
-        """Time derivative (36,) of the state vector at time t, s, of the joined pair or of two free
-        bodies."""
+        """Time derivative (36,) of the state vector ``y`` (36,) at time t, s: of the fields of
+        `Motion` while the bodies are joined; of (x, v, R, w) of A, then of B, once ``kind`` is
+        "free"."""
         loads = self.loads(t, y)
         out: list[Array] = []
         if self.kind == "free":

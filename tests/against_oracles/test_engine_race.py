@@ -108,6 +108,13 @@ def test_other_scenes_are_refused(name):
         race(sepmc.load(name), 1, lambda _: None)
 
 
+def test_a_second_threshold_is_refused():
+    """Other engines would ignore it."""
+    more = {"phase.locked.until.body": "upper", "phase.locked.until.altitude_m": 1e5}
+    with pytest.raises(ValueError, match="table1 and table2"):
+        race(sepmc.load("table2", more), 1, lambda _: None)
+
+
 def test_fixed_properties_are_named():
     campaign = sepmc.load(
         "table2.toml", {"dispersion": {"motor.retro.build_up_s": {"uniform": 0.01}}}

@@ -246,8 +246,9 @@ class StatisticsSink:
             shards.record_shards(self.rows.folder, self.rows.write(chunks))
 
     def about(self, spec: SampleSpec, summary: BatchSummary) -> dict[str, str]:
-        """Metadata of the file that stores the accumulated statistics: origin of the cases, their
-        numbers, ``summary``, and rules for saved rows."""
+        """Metadata of the file that stores the accumulated statistics, texts by key: origin of the
+        cases (`_about`), their case numbers (such as ``25:50,73``, which is 25 to 49, and 73; empty
+        if they are all cases of the sample), ``summary``, and rules for saved rows."""
         keep = self.rows.selection.keep.text if self.rows else ""
         entries = {"numbers": spec.text, "summary": summary.text, "keep": keep}
         return _about(self.campaign, spec) | entries

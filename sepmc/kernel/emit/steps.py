@@ -132,9 +132,9 @@ def _lane_step(lane: Text, end: str, is_limited: bool) -> None:
     STEP_FACTOR; otherwise none is longer than 1.5 times the first one of the interval, nor than
     1.5 times the one before it.
 
-    PROGRESS counts steps (0, -1, -2) until it is 1 at the last step and 2 after it. Until an event
-    has been predicted twice, the step before the last stops short of it, so that no state past the
-    event is used.
+    PROGRESS is 0 before the first step of an interval, -1 before the second and -2 before all later
+    ones; then 1 at the last step and 2 after it. Until an event has been predicted twice, the step
+    before the last stops short of it, so that no state past the event is used.
     """
     lane(f"h, progress, remaining = w[STEP + l], w[PROGRESS + l], {end} - w[T + l]")
     lane(

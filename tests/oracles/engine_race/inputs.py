@@ -15,6 +15,7 @@ from oracles.engine_race.vectors import Array, attitude, cross
 from sepmc.campaign.cases import sample
 from sepmc.scene import parameters
 from sepmc.scene.messages import InputError
+from sepmc.scene.model import Condition
 
 SCENES = (
     "table1 and table2: two bodies, one joint fixed, slider, free; one motor, no springs, "
@@ -163,8 +164,8 @@ def check(scene: Any) -> None:
         )
         plain = (
             plain
-            and not any(u.any or u.all or u.direction for u in until)
-            and (until[0].stroke, until[1].time) == (None, None)
+            and until[0] == Condition(time=until[0].time)
+            and until[1] == Condition(joint=until[1].joint, stroke=until[1].stroke)
         )
         plain = (
             plain
