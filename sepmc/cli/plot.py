@@ -69,6 +69,6 @@ def plot(folder: Path, every: bool, ending: str) -> None:
             else:
                 run = run_statistics.read_run(folder, campaign)
                 written = draw(run.summary, run.table, run.verdicts, converging=True)
-            manifests.record_derived(folder, written)
+    manifests.record_derived(folder, written)
     for path in written:
         click.echo(path)

@@ -314,6 +314,15 @@ def test_replay(campaign, tmp_path, from_folder):
         )
 
 
+@pytest.mark.slow
+def test_figures_of_a_case_that_are_drawn_again_are_noted(tmp_path):
+    """So that none of them counts as changed."""
+    words = ["run", "table1.toml", "--quiet", "--every-s", "0.1", "--out", str(tmp_path / "one")]
+    for each in (words, ["plot", str(tmp_path / "one")], ["doctor", str(tmp_path / "one")]):
+        result = CliRunner().invoke(app.main, each)
+        assert result.exit_code == 0, result.output
+
+
 def test_replay_at_a_given_step(tmp_path):
     """By the full system: the same inputs to the last bit, the same outcomes to round-off."""
     fly(
