@@ -1,4 +1,5 @@
-"""Compare the rows of all shipped campaigns, bit by bit, with those of another checkout.
+"""Compare the rows of shipped campaigns, bit by bit, with those of another checkout that ships them
+too; of columns that differ, the largest difference over the largest magnitude.
 
 ``python tests/measure/same_rows.py OTHER [--cases 400]``, with OTHER the root of a checkout.
 """
@@ -29,9 +30,10 @@ def rows(root: Path, name: str, cases: int, folder: Path) -> pd.DataFrame:
     return pd.read_parquet(folder / name / "cases")
 
 
-def differing(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
-    """Columns of both tables whose values differ in any bit."""
-    names = []
+def differing(one: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:
+    """Columns of both tables whose values differ in any bit, with their largest difference over the
+    largest magnitude; infinite for what is no number, or is NaN in one table only."""
+    names = {}
     for column in one.columns.intersection(other.columns):
         a, b = one[column].to_numpy(), other[column].to_numpy()
         same = len(a) == len(b) and (
@@ -40,7 +42,10 @@ def differing(one: pd.DataFrame, other: pd.DataFrame) -> list[str]:
             else list(a) == list(b)
         )
         if not same:
-            names.append(column)
+            names[column] = np.inf
+            are_numbers = a.dtype == np.float64 == b.dtype and len(a) == len(b)
+            if are_numbers and np.array_equal(np.isnan(a), np.isnan(b)):
+                names[column] = np.nanmax(np.abs(a - b)) / max(np.nanmax(np.abs(b)), 1e-300)
     return names
 
 
@@ -53,6 +58,8 @@ def main() -> None:
     failed = False
     with tempfile.TemporaryDirectory() as work:
         for file in sorted((HERE / "campaigns").glob("*.toml")):
+            if not (arguments.other / "campaigns" / file.name).exists():
+                continue
             tables = []
             for k, root in enumerate((HERE, arguments.other.resolve())):
                 folder = Path(work) / str(k)
@@ -61,8 +68,10 @@ def main() -> None:
             columns = differing(*tables)
             missing = sorted(set(tables[0].columns) ^ set(tables[1].columns))
             failed |= bool(columns or missing)
+            said = sorted(columns.items(), key=lambda item: -item[1])
             print(
-                f"{file.stem}: {'same bits' if not columns else 'differ: ' + ', '.join(columns)}"
+                f"{file.stem}: "
+                + ("; ".join(f"{name} {size:.1e}" for name, size in said) or "same bits")
                 + (f"; in one table only: {', '.join(missing)}" if missing else ""),
                 flush=True,
             )
