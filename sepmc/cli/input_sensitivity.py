@@ -20,7 +20,8 @@ from sepmc.cli.render import warn
 from sepmc.report.sensitivity_figures import (
     SCATTERED_INPUTS,
     attribution_figure,
-    sensitivity_figures,
+    scatter_figure,
+    tornado_figure,
 )
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import VIOLATION, Requirement
@@ -185,10 +186,14 @@ def draw_sensitivities(
         for name in leading_inputs(table, SCATTERED_INPUTS).index
     }
     rows = {name: column(cases, name)[ok] for name in {*drivers.sensitivities, *inputs}}
-    return submitted(
-        partial(sensitivity_figures, tables, rows, violating, into, units, keys, title, suffix),
-        second,
-    )
+    drawn = [
+        submitted(partial(tornado_figure, tables, into, units, keys, title, suffix), second),
+        submitted(
+            partial(scatter_figure, tables, rows, violating, into, units, keys, title, suffix),
+            second,
+        ),
+    ]
+    return lambda: [path() for path in drawn]
 
 
 def draw_attributions(

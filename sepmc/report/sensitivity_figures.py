@@ -285,21 +285,3 @@ def scatter_figure(
                 ax.set_ylabel(fill(label, _WIDE), fontsize=9)
     set_title(figure, f"Outcomes over their leading inputs\n{about}")
     return save(figure, make_folder(folder) / f"scatter{suffix}")
-
-
-def sensitivity_figures(
-    sensitivities: Mapping[str, pd.DataFrame],
-    rows: Mapping[str, np.ndarray],
-    violating: Mapping[str, np.ndarray],
-    folder: Path,
-    units: Mapping[str, str],
-    keys: Mapping[str, str],
-    about: str,
-    suffix: str = ".png",
-) -> list[Path]:
-    """Draw `tornado_figure` and `scatter_figure`, with the arguments of the latter; return the two
-    files written, in this order."""
-    return [
-        tornado_figure(sensitivities, folder, units, keys, about, suffix),
-        scatter_figure(sensitivities, rows, violating, folder, units, keys, about, suffix),
-    ]
